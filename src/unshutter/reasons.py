@@ -66,6 +66,11 @@ class Code(StrEnum):
     STOOD_STILL = "stood-still", "the camera stood still"
     NOTHING_MOVED = "nothing-moved", "nothing moved between the frames"
     NOTHING_TO_SEE = "nothing-to-see", "nothing to see: at most {px:.1f} px at any plausible readout time"
+    NO_VISIBLE_DISTORTION = "no-visible-distortion", "this clip has no visible rolling-shutter distortion"
+    NO_GAIN = (
+        "no-gain",
+        "undoing the motion does not help: wobble of {before:.2f} px before, {after:.2f} px after, of 1080 rows",
+    )
     HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
     ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"
     NO_COMMON_MOTION = "no-common-motion", "near and far move too differently for one motion of the camera"

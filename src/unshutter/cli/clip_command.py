@@ -109,7 +109,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     yield f"{outcome.source} -> {result}: {frames}{note}"
     if outcome.stabilisation is not None:
         yield _steady_line(outcome.stabilisation)
-    if outcome.ratio.declined is not None:
+    if outcome.ratio.declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
         yield "unshutter: to straighten it nevertheless, say how long its camera takes for a frame: --readout-ms"
     if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
         yield _gyro_line(outcome.gyro)

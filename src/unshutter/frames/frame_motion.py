@@ -68,7 +68,7 @@ class Timing:
 
 NAME = "frames-camera"
 _NOTHING_PX = 0.1  # px of ROWS rows: smaller displacements within a frame count as no motion
-_AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
+AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
 _LEAST_TRACKS = 12  # fewest for the camera's rotation
 
 
@@ -158,7 +158,7 @@ class FrameMotion:
             return None
         joined = before.shot == self.shot
         if self.turns is None and (not joined or self.fit is None):
-            still = joined and self.reason is not None and self.reason.code in _AT_REST
+            still = joined and self.reason is not None and self.reason.code in AT_REST
             return Step(np.zeros(3), np.nan) if still else self._step_of_pair()
         if self.fit is None:
             return None

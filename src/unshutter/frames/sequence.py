@@ -143,6 +143,8 @@ class CameraMotion:
     turns: KnownTurns | None = None
     # whether the camera's rotation is estimated even if it is too small, or the shot too short, to be corrected
     whole_path: bool = False
+    # every so many tracks are kept out of the fit, to check it (:meth:`Tracks.split`); None: none are
+    keep_out: int | None = None
     _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
@@ -242,7 +244,8 @@ class CameraMotion:
 
     def _fit_of_pairs(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """Returns the motion shown by tracks, in addition to a gyro's; or why there is none."""
-        pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
+        pairs = shot.pairs[: shot.before + many + self.window[1] - 1]
+        pairs = [fewer(pair if self.keep_out is None else pair.split(self.keep_out)[0]) for pair in pairs]
         if not pairs:
             return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
         reason = self._too_little(shot)

@@ -50,6 +50,11 @@ class Tracks:
         """Returns a selection of the tracks."""
         return Tracks(self.start[selection], self.end[selection], self.height, self.width, self.looked_for)
 
+    def split(self, every: int) -> tuple[Tracks, Tracks]:
+        """Returns these tracks without every so many of them, and those."""
+        kept_out = np.arange(len(self)) % every == 0
+        return self.only(~kept_out), self.only(kept_out)
+
 
 def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"]) -> Tracks:
     """Tracks the corners of a frame to the next, by pyramidal Lucas-Kanade, forward and backward.

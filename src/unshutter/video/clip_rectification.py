@@ -48,6 +48,7 @@ from unshutter.video.frame_warper import (
     side_by_side,
     with_motion,
 )
+from unshutter.video.gain import gain_of_clip
 from unshutter.video.gyro_fit import GyroTurns, has_gravity, up_directions
 from unshutter.video.outcome import ClipMotion, ClipOutcome, MotionWriter, load
 from unshutter.video.readout import camera_of_clip, too_little_to_see
@@ -171,6 +172,10 @@ def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: Reado
             return replace(pipeline, unmoved=reason, frames=visibility.frames)
     if search and ratio.source != GIVEN and on_readout is not None:
         on_readout(ratio, clip.interval_s)
+    if ratio.source != GIVEN and options.undo.model == "camera" and 0 < options.undo.strength <= 1:
+        gain = gain_of_clip(request, ratio, gyro and gyro.turns)
+        if (reason := gain.declined()) is not None:
+            return replace(pipeline, unmoved=reason, frames=gain.frames)
     return pipeline
 
 

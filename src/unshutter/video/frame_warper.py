@@ -67,6 +67,34 @@ def window_for(size: float) -> tuple[int, int]:
     return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
 
 
+def camera_motion(
+    request: ClipRequest,
+    time: ReadoutTime,
+    turns: GyroTurns | None = None,
+    whole_path: bool = False,
+    keep_out: int | None = None,
+    focal_px: float | None = None,
+) -> CameraMotion:
+    """Returns what estimates the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`."""
+    focal_px = focal_px or request.options.shutter.focal_px
+    if focal_px is None and turns is not None:
+        focal_px = turns.focal_px(request.frame_size[0])
+    more = {"window": window_for(request.clip.frame_bytes), "fewest": FEWEST, "turns": turns}
+    return CameraMotion(time, focal_px, request.readout, whole_path=whole_path, keep_out=keep_out, **more)
+
+
+def grey_copies(request: ClipRequest, frames: Iterable[VideoFrame]) -> Iterator[GreyFrame | None]:
+    """Yields the small copies of frames in which corners are tracked, and None where frames are missing."""
+    before = None
+    for frame in frames:
+        since = request.clip.since(before, frame)
+        if since is None:
+            yield None
+        grey, size = request.grey(frame, COPY_SIDE), request.readout.frame_size(frame.height, frame.width)
+        yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=frame.time or 0.0)
+        before = frame
+
+
 def with_motion(
     request: ClipRequest,
     items: Iterable[VideoFrame | SidePacket],
@@ -80,28 +108,17 @@ def with_motion(
         turns: the camera's rotation from a gyro; None to use only the frames.
         whole_path: whether the camera's rotation is needed even where it is too small to be undone.
     """
-    clip, readout = request.clip, request.readout
-    focal_px = request.options.shutter.focal_px
-    if focal_px is None and turns is not None:
-        focal_px = turns.focal_px(request.frame_size[0])
-    window = window_for(clip.frame_bytes)
-    camera = CameraMotion(time, focal_px, readout, window=window, fewest=FEWEST, turns=turns, whole_path=whole_path)
+    camera = camera_motion(request, time, turns, whole_path)
     waiting: deque[VideoFrame | SidePacket] = deque()
 
-    def small_copies() -> Iterator[GreyFrame | None]:
-        before = None
+    def frames() -> Iterator[VideoFrame]:
         for item in items:
             waiting.append(item)
             if not isinstance(item, SidePacket):
-                since = clip.since(before, item)
-                if since is None:
-                    yield None
-                grey, size = request.grey(item, COPY_SIDE), readout.frame_size(item.height, item.width)
-                yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=item.time or 0.0)
-                before = item
+                yield item
 
     last = None
-    for motion in camera.motions(small_copies()):
+    for motion in camera.motions(grey_copies(request, frames())):
         while isinstance(item := waiting.popleft(), SidePacket):
             yield item
         small = small_motion(motion)

@@ -1,0 +1,186 @@
+"""What undoing a clip's motion gains, as its own frames show it: on tracks that are kept out of the fit.
+
+A global shutter's tracks between two frames follow the camera's rotation and a change of scale; what is left is wobble.
+Undoing the motion moves both ends of each track. If it moved as estimated, less is left. If it moved evenly, all frames
+are sheared alike, which no two of them show.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.frames.camera import ROWS, student_weights, track_jacobian
+from unshutter.frames.frame_motion import AT_REST, FrameMotion
+from unshutter.frames.self_calibration import usual_focal
+from unshutter.frames.tracks import Tracks
+from unshutter.motion import Motion
+from unshutter.options.clip_options import ClipUndo
+from unshutter.progress import Steps
+from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code, Reason
+from unshutter.video.clip import ClipRequest, ahead
+from unshutter.video.frame_warper import camera_motion, grey_copies, small_motion
+from unshutter.video.gyro_fit import GyroTurns
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import Float64
+
+_KEPT_OUT = 4  # every fourth track
+_RUNS, _RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
+_FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
+_TALL = 1080  # px: displacements are judged in a picture whose short side has this many
+_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px there: what is smaller in so many per cent of the frames cannot be seen,
+_BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
+_SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
+_EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
+_ROUNDS, _AHEAD = 4, 3  # of reweighting; frames decoded ahead
+
+
+@dataclass(eq=False)
+class Gain:
+    """What undoing the motion changes in the examined frames."""
+
+    frames: int = 0  # number of examined frames
+    # largest displacement [px of 1080 rows] in each frame whose motion is known; 0 if the camera stood still
+    displaced_px: list[float] = field(default_factory=list)
+    reasons: Counter[Reason] = field(default_factory=Counter)  # why frames have no motion to undo, with counts
+    # [pairs] of frames whose motion is undone: by how much the sum of squares that is left of the tracks falls, in
+    # units of their variance
+    gains: list[float] = field(default_factory=list)
+    # [pairs] what is left before and after: root mean square of 90 % of the tracks [px of 1080 rows]
+    wobble_px: list[tuple[float, float]] = field(default_factory=list)
+    # [pairs] change of the displacement between the two frames, and largest displacement [px of 1080 rows]
+    _changes_px: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """Median gain of the pairs, and its standard deviation, from their scatter."""
+        middle = float(np.median(self.gains))
+        scatter = 1.4826 * float(np.median(np.abs(np.array(self.gains) - middle)))
+        return middle, 1.2533 * scatter / len(self.gains) ** 0.5
+
+    def declined(self, sure: float = _SURE) -> Reason | None:
+        """Returns why the clip is to be left unchanged; None if it is better afterwards, or if no frames can tell.
+
+        Args:
+            sure: standard deviations by which the gain must exceed 0.
+        """
+        if self.frames == self.reasons.total():
+            return self.reasons.most_common(1)[0][0] if self.reasons else None
+        if 2 * len(self.displaced_px) < self.frames:
+            return None
+        most = np.percentile(self.displaced_px, _MOST_FRAMES)
+        if most < _VISIBLE_PX and max(self.displaced_px) < _BRIEFLY_VISIBLE_PX:
+            return Reason(Code.NO_VISIBLE_DISTORTION)
+        if len(self.gains) < _FEW:
+            return None
+        gain, error = self.gain
+        change, displaced = np.median(self._changes_px, axis=0)
+        if gain > sure * error or change < _EVEN * displaced:
+            return None
+        wobble = np.median(self.wobble_px, axis=0)
+        return Reason.of(Code.NO_GAIN, before=round(float(wobble[0]), 3), after=round(float(wobble[1]), 3))
+
+    def add(self, before: FrameMotion | None, motion: FrameMotion, undo: ClipUndo) -> None:
+        """Adds a frame, and the pair of frames that it forms with the previous one."""
+        now = _Undone.of(motion, undo)
+        self.frames += 1
+        if now.reason is not None:
+            self.reasons[now.reason] += 1
+        if now.reason is None or now.reason.code in AT_REST:
+            self.displaced_px.append(float(np.abs(now.grid).max()))
+        if before is None or before.shot != motion.shot or motion.tracks is None:
+            return
+        was, tracks = _Undone.of(before, undo), motion.tracks.split(_KEPT_OUT)[1]
+        if len(tracks) < _FEWEST or (now.reason and was.reason):
+            return
+        focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
+        undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
+        left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
+        self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
+        unit = _TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
+        usual = [np.sort(each)[: max(1, int(0.9 * len(each)))].mean() for each in (left, after)]
+        self.wobble_px.append((unit * usual[0] ** 0.5, unit * usual[1] ** 0.5))
+        largest = max(float(np.abs(each.grid).max()) for each in (was, now))
+        self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+
+
+def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None) -> Gain:
+    """Finds what undoing the motion of a clip gains: from 60 pairs of frames or, if it is to be left, from all."""
+    begin, end = request.span
+    length_s = _RUN * request.clip.interval_s
+    if end - begin > 1.5 * _RUNS * length_s:
+        starts = np.linspace(begin, end - 1.1 * length_s, _RUNS)
+        gain = _examined(request, time, turns, [(float(start), float(start) + length_s) for start in starts])
+        if gain.declined(_SURE_OF_FEW) is None:
+            return gain
+    return _examined(request, time, turns, [(request.options.start, request.options.end)], request.steps("looking"))
+
+
+def _examined(
+    request: ClipRequest,
+    time: ReadoutTime,
+    turns: GyroTurns | None,
+    parts_s: Sequence[tuple[float | None, float | None]],
+    steps: Steps | None = None,
+) -> Gain:
+    """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
+    gain, focal_px = Gain(), None
+    for part in parts_s:
+        before = None
+        camera = camera_motion(request, time, turns, whole_path=True, keep_out=_KEPT_OUT, focal_px=focal_px)
+        for motion in camera.motions(grey_copies(request, ahead(request.clip.iter_frames(*part), _AHEAD))):
+            gain.add(before, motion, request.options.undo)
+            before = motion
+            if motion.fit is not None:
+                focal_px = motion.fit.focal_px * motion.height / ROWS
+            if steps is not None:
+                steps.advance()
+    return gain
+
+
+@dataclass(frozen=True, eq=False)
+class _Undone:
+    """A frame whose motion is undone."""
+
+    motion: Motion  # of a small picture: the part that is undone
+    reason: Reason | None  # why there is no motion to undo; None if there is
+    grid: Float64[np.ndarray, "points 2"]  # displacements of points spread over the frame [px of 1080 rows]
+
+    @classmethod
+    def of(cls, motion: FrameMotion, undo: ClipUndo) -> _Undone:
+        small = small_motion(motion)
+        undone = small.rereferenced(undo.reference).scaled(undo.strength)
+        ends = small.width - 1, small.height - 1
+        col, row = (each.ravel() for each in np.meshgrid(*(np.linspace(0, end, 5) for end in ends)))
+        seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)
+        grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
+        reason = (small.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
+        return cls(undone, reason, np.nan_to_num(grid) * _TALL / min(small.height, small.width))
+
+    def seen(self, points: Float64[np.ndarray, "tracks 2"], tracks: Tracks) -> Float64[np.ndarray, "tracks 2"]:
+        """Returns where points of the tracked copy lie once the motion is undone."""
+        if self.reason is not None:
+            return points
+        scale = np.array([self.motion.width / tracks.width, self.motion.height / tracks.height])
+        return (np.stack(self.motion.rs_to_gs(*((points + 0.5) * scale - 0.5).T), axis=-1) + 0.5) / scale - 0.5
+
+
+def _left(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "tracks 2"]:
+    """Returns what the camera's rotation and a change of scale leave of the tracks [px of ROWS rows]."""
+    jacobian, moved = track_jacobian(tracks, focal_px)
+    left = moved
+    for _ in range(_ROUNDS):
+        root = np.sqrt(_weights(np.square(left).sum(axis=1)))[:, None]
+        unknowns = np.linalg.lstsq((jacobian * root[..., None]).reshape(-1, 4), (moved * root).ravel(), rcond=None)[0]
+        left = moved - jacobian @ unknowns
+    return left
+
+
+def _weights(squared: Float64[np.ndarray, "tracks"]) -> Float64[np.ndarray, "tracks"]:
+    return student_weights(squared[None], np.ones((1, len(squared)), bool), np.nan)[0][0]

@@ -1,0 +1,103 @@
+"""A clip is better afterwards, as tracks kept out of the fit show, or it is left alone."""
+
+import json
+
+import numpy as np
+import pytest
+
+from support import clips
+from support.hand_held import log_of
+from unshutter.cli import main
+from unshutter.options.clip_options import RectifyClip, Shutter
+from unshutter.reasons import Code
+from unshutter.video import cameras
+from unshutter.video.cameras import CameraMode
+from unshutter.video.clip import Clip, ClipRequest
+from unshutter.video.gain import gain_of_clip
+from unshutter.video.readout import camera_of_clip
+
+FRAMES, LONG = 24, 110
+
+
+def gentle():
+    """A hand that is nearly still: rows move by a third of a pixel of 1080 rows."""
+    return log_of(lambda t: 1.2 * np.sin(6 * t), lambda t: 0 * t, lambda t: 1.0 * np.sin(8 * t))
+
+
+@pytest.fixture(autouse=True)
+def listed(monkeypatch):
+    """The table knows the camera of these clips: nothing is searched for, and no time is stated by the user."""
+    one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, 20.0, 20.0)
+    monkeypatch.setattr(cameras, "table", lambda: (one,))
+
+
+@pytest.fixture
+def run(tmp_path, capsys):
+    """Rectifies frames as a clip; (the clip, the result, the log's record, what was printed)."""
+
+    def rectified(greys, *flags):
+        clip, out, log = (tmp_path / name for name in ("in.mkv", "out.mkv", "log.jsonl"))
+        clips.write(clip, greys, "ffv1", "gray")
+        words = ["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]
+        assert main(words if "--readout-ms" in flags else [*words, "--camera", "nemo"]) == 0
+        return clip, out, json.loads(log.read_text().splitlines()[-1]), capsys.readouterr().err
+
+    return rectified
+
+
+def test_what_a_rolling_shutter_distorted_is_straightened(run):
+    camera, greys = clips.moving(FRAMES)
+    _, out, record, _ = run(greys)
+    true = np.stack(clips.truth(camera)).astype(float)
+    assert record["rectified"] == FRAMES and record["found_by"] == "table of cameras"
+    assert clips.psnr(clips.luma(out), true) > clips.psnr(np.stack(greys).astype(float), true) + 5
+
+
+def test_distortion_that_nobody_sees_is_left(run):
+    greys = clips.moving(FRAMES, gentle())[1]
+    clip, out, record, shown = run(greys)
+    assert out.read_bytes() == clip.read_bytes()
+    assert [reason["code"] for reason in record["declined"]] == [Code.NO_VISIBLE_DISTORTION]
+    assert f"{FRAMES} left unchanged (this clip has no visible rolling-shutter distortion)" in shown
+    _, out, record, _ = run(greys, "--readout-ms", "20")  # whoever states the time insists
+    assert record["rectified"] > FRAMES / 2 and out.read_bytes() != clip.read_bytes()
+
+
+@pytest.mark.parametrize("flags", [(), ("--stabilize", "--zoom-limit", "0")])
+def test_what_does_not_help_is_not_done(run, flags):
+    """A global shutter, said to be a rolling one: undoing what it never did would make it wobble."""
+    greys = clips.truth(clips.moving(FRAMES)[0])
+    clip, out, record, shown = run(greys, *flags)
+    (reason,) = record["declined"]
+    assert reason["code"] == Code.NO_GAIN and reason["figures"]["after"] > reason["figures"]["before"]
+    assert "undoing the motion does not help" in shown and "to straighten it nevertheless" in shown
+    assert record["rectified"] == 0 and (flags or out.read_bytes() == clip.read_bytes())
+    assert run(greys, "--readout-ms", "20")[2]["rectified"] == FRAMES
+
+
+def test_a_camera_that_stood_still_is_copied(run):
+    clip, out, record, _ = run(clips.standing(FRAMES))
+    assert out.read_bytes() == clip.read_bytes() and record["declined"][0]["code"] == Code.STOOD_STILL
+
+
+@pytest.mark.parametrize("strength", ["0", "1.5"])
+def test_a_strength_other_than_asked_of_the_clip_is_obeyed(run, strength):
+    """Neither nothing nor more than all of the motion is to be compared with the frames."""
+    record = run(clips.moving(FRAMES)[1], "--strength", strength)[2]
+    assert not [each for each in record["declined"] if each["code"] in (Code.NO_GAIN, Code.NO_VISIBLE_DISTORTION)]
+
+
+@pytest.mark.parametrize(("kind", "examined"), [("distorted", 4 * 16), ("global shutter", LONG)])
+def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path, kind, examined):
+    camera, greys = clips.moving(LONG)
+    greys = greys if kind == "distorted" else clips.truth(camera)
+    clip = Clip.look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
+    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo")))
+    gain = gain_of_clip(request, camera_of_clip(request)[0], None)
+    assert abs(gain.frames - examined) <= 4
+    before, after = np.median(gain.wobble_px, axis=0)
+    middle, error = gain.gain
+    if kind == "distorted":
+        assert gain.declined() is None and after < before / 2 and middle > 10 * error
+    else:
+        assert gain.declined() is not None and after > before and middle < 0
