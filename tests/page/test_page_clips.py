@@ -33,14 +33,14 @@ def _shown(page: Page) -> tuple[str, str]:
 
 def test_a_clip_is_saved_once_its_readout_time_is_known(page: Page, walk: Path) -> None:
     held: list[Route] = []
-    page.route("**/readout?*", held.append)
+    page.route("**/readout?*", lambda route: held.append(route))
     with page.expect_request("**/readout?*", timeout=FOUND_MS):
         drop(page, walk)
     save = page.get_by_role("button", name="Save this clip")
     expect(save).to_be_disabled()
     expect(save).to_have_attribute("title", "There is nothing to save until the readout time of the clip is known.")
-    page.unroute("**/readout?*")
     held[0].continue_()
+    page.unroute("**/readout?*")
     _give_readout(page)
     wait_for(page, "done", 1)
     expect(save).to_be_enabled()

@@ -35,6 +35,8 @@ def photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_candidates_are_listed_for_people_and_for_programs(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["estimate", "--candidates", str(photo)]) == 0
+    assert capsys.readouterr().out == ""
+    assert main(["estimate", "--candidates", "--json", str(photo)]) == 0
     listed = capsys.readouterr()
     assert listed.err.splitlines() == [
         f"{photo}: 1  as it is (probability 0.60)",

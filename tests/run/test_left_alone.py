@@ -43,15 +43,22 @@ def same(one: Path, other: Path) -> bool:
     return one.read_bytes() == other.read_bytes()
 
 
-def test_what_to_do_next_is_said_once_for_each_folder(tmp_path: Path, monkeypatch, capsys) -> None:
-    make_photos(tmp_path / "in", ["slight.jpg", "slighter.jpg"])
-    make_photos(tmp_path / "in" / "more", ["slight.jpg"])
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByName(None))
-    assert rectify(tmp_path / "in", "-o", tmp_path / "out") == 0
-    told = [line for line in capsys.readouterr().err.splitlines() if ".jpg left unchanged" in line]
-    step = "if the camera moved: --moving; with a neighbour: --after"
-    assert [step in line for line in told] == [True, False, True]
-    assert told[0].endswith(f"left unchanged (no visible motion, confidence 0.90: sure; {step})")
+def test_what_to_do_next_ends_the_summary(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    moved = "if the camera moved: --moving; with a frame taken just before or after: --before or --after"
+    which = "what else fits: unshutter estimate --candidates PHOTO"
+    cases = {"slight.jpg": moved, "unsure.jpg": which, "": f"{moved}; {which}", "clear.jpg": None}
+    for name, steps in cases.items():
+        assert found(folder / name, "-o", folder.parent / f"out {name}") == 0
+        last = capsys.readouterr().err.splitlines()[-1]
+        next_step = f"unshutter: next, for what was left unchanged: {steps}"
+        assert last == next_step if steps else last.startswith(str(folder / name))
+
+
+def test_a_line_says_one_thing_unless_more_is_wanted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = (folder, "-o", folder.parent / "out", "--overwrite")
+    for more, text in (([], "sure)"), (["-v"], "sure; cropped to 84 %)")):
+        assert found(*words, *more) == 0
+        assert capsys.readouterr().err.splitlines()[0].endswith(f"(up to 9.0 px, confidence 0.90: {text}")
 
 
 def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None:
@@ -60,10 +67,9 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     told = capsys.readouterr().err.splitlines()
     assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: sure)"
     assert told[1] == f"{folder}/dark.png left unchanged (too dark)"
-    hint = "--min-confidence 0.3 would move it by up to 9.0 px"
-    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: confidence 0.36; {hint})"
+    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: confidence 0.36)"
     counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"
-    assert told[-1] == f"unshutter: {counted}"
+    assert told[-2] == f"unshutter: {counted}"
     for name in PHOTOS:
         assert name == "clear.jpg" or same(folder / name, out / name)
     assert not (out / "clear.jpg").exists() and len(list(out.glob("*.[jp]*g"))) == 4
@@ -165,7 +171,7 @@ def test_a_result_is_rectified_once_more_under_the_next_number(folder: Path) -> 
 def test_another_format_is_encoded_and_that_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = folder.parent / "out"
     assert found(folder / "unsure.jpg", "-o", out, "--format", "png") == 0
-    assert capsys.readouterr().err.endswith("px; encoded as PNG)\n")
+    assert "px; encoded as PNG)\n" in capsys.readouterr().err
     assert (Photo.open(out / "unsure.jpg.png").pixels == Photo.open(folder / "unsure.jpg").pixels).all()
     assert found(folder / "dark.png", "-o", folder.parent / "dark.png") == 0
     assert "encoded as" not in capsys.readouterr().err

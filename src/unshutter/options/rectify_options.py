@@ -88,6 +88,9 @@ class Run:
         "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`).",
         names="word",
     )
+    verbose: bool = option(
+        False, "Say all about each photo of a folder; by default, each line says one thing.", short="-v"
+    )
     dry_run: bool = option(False, "List what would be done without writing anything.")
     json_log: Path | None = option(
         None, "Append a log of the run to this file, one JSON object per line.", names="output"
@@ -140,6 +143,9 @@ class Estimate:
         False,
         "List all motions that fit each photo, with kind, probability and expected error, instead of only the "
         "likeliest. rectify --candidate N undoes one of them.",
+    )
+    json: bool = option(
+        False, "With --candidates, also print them as JSON, with their motions, if there is no --output for them."
     )
     plot: Path | None = option(
         None,

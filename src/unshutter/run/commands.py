@@ -99,7 +99,7 @@ def estimate_files(request: Estimate) -> int:
     """Estimates the motion of each photo; returns the exit code."""
     output, overwrite = request.output, request.overwrite
     inputs = find_photos(request.photos, leave_out=output)
-    if inputs.many and output is None:
+    if inputs.many and output is None and not (request.candidates and not request.json):
         raise UsageError("several photos need --output FOLDER for their motions")
     if inputs.many and request.plot:
         raise UsageError("--plot draws the motion of one photo only")
@@ -127,7 +127,7 @@ def estimate_files(request: Estimate) -> int:
             text = _estimate_as_text(ahead, photo, request, tell)
         if target:
             write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
-        else:
+        elif request.json or not request.candidates:
             print(text)
 
     return each_photo(inputs, one)

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +44,7 @@ class Report:
         self._changed = 0
         self._left: Counter[Cause] = Counter()  # photos that were left unchanged
         self._start = time.monotonic()
-        self._advised: set[Any] = set()  # folders for which the next step was already suggested
+        self._next_steps: dict[str, None] = {}  # what the user can do about photos that were left unchanged, in order
         self._log: JsonLog | None = None
 
     def __enter__(self) -> Report:
@@ -93,23 +93,15 @@ class Report:
             self._changed += 1
         else:
             self._left[verdict.cause] += 1
-        model = f"model {outcome.model}" if outcome.model and changed else ""
-        details = "; ".join(
-            filter(None, (verdict and about(verdict), self._next_step(job, verdict), model, outcome.note))
-        )
+        if verdict is not None:
+            self._next_steps |= dict.fromkeys(_next_steps(verdict))
+        details = verdict.described() if verdict else ""
+        if self.total == 1 or self._plan.run.verbose:
+            model = f"model {outcome.model}" if outcome.model and changed else ""
+            details = "; ".join(filter(None, (verdict and about(verdict), model, outcome.note)))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
         self.tell(f"{what} ({details})" if details else what)
         self._bar.advance()
-
-    def _next_step(self, job: Job, verdict: Verdict | None) -> str:
-        """Suggests options for a photo that does not show by itself that it moved; once per folder."""
-        if verdict is None or verdict.reason is None or verdict.reason.code not in _BY_ITSELF:
-            return ""
-        if job.source.parent in self._advised:
-            return ""
-        self._advised.add(job.source.parent)
-        moved = "if the camera moved: --moving; " if verdict.reason.code in _NO_VISIBLE_MOTION else ""
-        return f"{moved}with a neighbour: --after"
 
     def save_preview(self) -> None:
         """Writes the preview, if there is one, and reports it."""
@@ -156,7 +148,20 @@ class Report:
                 causes = ", ".join(f"{count} {cause}" for cause, count in self._left.most_common())
                 line = f"{self._changed} changed, {self._left.total()} left unchanged"
                 self.tell(f"unshutter: {line} ({causes})" if causes else f"unshutter: {line}")
+        if self._next_steps:
+            self.tell(f"unshutter: next, for what was left unchanged: {'; '.join(self._next_steps)}")
         return exit_code(self.counts["failed"], self.total)
+
+
+def _next_steps(verdict: Verdict) -> Iterator[str]:
+    """Suggests options for a photo that was left unchanged because it does not show clearly how it moved."""
+    code = verdict.reason.code if verdict.reason is not None else None
+    if code in _NO_VISIBLE_MOTION:
+        yield "if the camera moved: --moving"
+    if code in _BY_ITSELF:
+        yield "with a frame taken just before or after: --before or --after"
+    if code is Code.UNSURE:
+        yield "what else fits: unshutter estimate --candidates PHOTO"
 
 
 def _spoken(seconds: float) -> str:
