@@ -8,6 +8,12 @@ ROOT = Path(__file__).parents[2]
 FOR_DEVELOPERS = {"dev", "docs"}
 
 
+def test_all_are_in_one_extra_but_that_for_an_example() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (named,) = extras["all"]
+    assert set(re.findall(r"\w+", named)) == extras.keys() - FOR_DEVELOPERS - {"all", "colmap"} | {"unshutter"}
+
+
 def test_every_extra_is_listed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     page = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")

@@ -151,8 +151,8 @@ def test_formats_that_are_only_read_are_copied(tmp_path: Path, monkeypatch: pyte
     out = tmp_path / "out"
     assert found(tmp_path / "in", "-o", out) == 0
     assert all(same(tmp_path / "in" / name, out / name) for name in ("unsure.HEIC", "unsure.DNG"))
-    assert found(tmp_path / "in", "-o", out, "--format", "jpeg", "--only-changed") == 0
-    assert found(tmp_path / "in", "-o", out, "--format", "jpeg") == 0
+    assert found(tmp_path / "in", "-o", out, "--format", "JPG", "--only-changed") == 0
+    assert found(tmp_path / "in", "-o", out, "--format", "jpg") == 0
     assert {path.name for path in out.glob("*.jpg")} == {"unsure.HEIC.jpg", "unsure.DNG.jpg"}
 
 

@@ -185,7 +185,8 @@ def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
     if option.type is bool:
         properties["action"] = "store_true"
     elif option.choices:
-        properties["choices"] = option.choices
+        also = option.more.get("also", {})
+        properties |= {"choices": option.choices, "type": lambda word: also.get(word.lower(), word)}
     else:
         properties["type"] = _path if option.type is Path else option.type
         properties["metavar"] = option.more.get("metavar") or _METAVAR[option.type]

@@ -39,7 +39,8 @@ def option(default: Any, help: str, **more: Any) -> Any:
         help: description of the option, for all interfaces.
         more: ``names`` (:data:`Names`), required for paths and text: ``RunFiles`` collects inputs and outputs, and a
             test gives every option that names something written the names of all inputs; ``metavar``, ``choices``,
-            ``limits`` (minimum and maximum of a number) and ``short`` (``-o``); ``bare``, the value of the flag alone
+            ``also`` (other words for them), ``limits`` (minimum and maximum of a number) and ``short`` (``-o``);
+            ``bare``, the value of the flag alone
             if the command line accepts it without a value; ``page=False`` if the page does not offer it.
     """
     return field(default=default, metadata={"help": help, **more})

@@ -182,7 +182,9 @@ class Save:
     """How a picture is written."""
 
     format: PictureFormat | None = option(
-        None, "File format of the results. Default: same as the photo; AVIF for HEIC, 16-bit TIFF for raw files."
+        None,
+        "File format of the results. Default: same as the photo; AVIF for HEIC, 16-bit TIFF for raw files.",
+        also={"jpg": "jpeg", "tif": "tiff"},
     )
     quality: int | None = option(
         None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: close to the original's.", limits=(1, 100)
