@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from support import clips
-from support.hand_held import log_of
+from support.hand_held import log_of, pan, still
 from unshutter.cli import main
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.reasons import Code
@@ -78,6 +78,19 @@ def test_what_does_not_help_is_not_done(run, flags):
 def test_a_camera_that_stood_still_is_copied(run):
     clip, out, record, _ = run(clips.standing(FRAMES))
     assert out.read_bytes() == clip.read_bytes() and record["declined"][0]["code"] == Code.STOOD_STILL
+
+
+def test_a_smooth_path_is_not_smoothed(run):
+    clip, out, record, shown = run(clips.moving(FRAMES, still())[1], "--stabilize")
+    assert out.read_bytes() == clip.read_bytes() and record["frames"] == FRAMES
+    assert record["stabilised"]["zoom"] == 1.0 and "the camera's path is smooth already: nothing to stabilise" in shown
+
+
+def test_a_smooth_path_does_not_keep_a_clip_from_being_straightened(run):
+    """An even pan: there is nothing to smooth, but every frame leans."""
+    clip, out, record, shown = run(clips.moving(FRAMES, pan(30.0))[1], "--stabilize")
+    assert "nothing to stabilise" in shown and record["rectified"] == FRAMES
+    assert out.read_bytes() != clip.read_bytes()
 
 
 @pytest.mark.parametrize("strength", ["0", "1.5"])

@@ -123,6 +123,8 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
 
 def _steady_line(stabilisation: Stabilisation) -> str:
     """Describes the result of smoothing the camera's path."""
+    if stabilisation.is_idle:
+        return "unshutter: the camera's path is smooth already: nothing to stabilise"
     said = f"unshutter: path smoothed, {100 * (1 - 1 / stabilisation.zoom):.1f} % of width and height cut off"
     if stabilisation.limited:
         said += f", less smooth than asked for about {_frames(stabilisation.limited)} (--zoom-limit allows more)"

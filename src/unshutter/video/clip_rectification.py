@@ -93,7 +93,8 @@ def rectify_clip_file(
     if options.steadiness.stabilize is not None:
         pipeline = _with_steady_views(pipeline)
         result.stabilisation = pipeline.stabilisation
-    if pipeline.unmoved is not None and pipeline.stabilisation is None and film.may_be_copy:  # but damage is not copied
+    moves_path = pipeline.stabilisation is not None and not pipeline.stabilisation.is_idle
+    if pipeline.unmoved is not None and not moves_path and film.may_be_copy:  # but damage is not copied
         frames = sum(1 for _ in _watched(pipeline)) if pipeline.frames is None else pipeline.frames
         result.add_unchanged(frames, pipeline.unmoved)
         result.written = not options.only_changed
@@ -194,7 +195,8 @@ def _with_steady_views(pipeline: Pipeline) -> Pipeline:
             "write it again with --save-motion"
         )
     up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
-    return replace(pipeline, stabilisation=stabilised(path, options.steadiness, request.clip.interval_s, up))
+    steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
+    return replace(pipeline, stabilisation=steady, frames=len(path))
 
 
 def _level_turns(gyro: ClipGyro | None) -> GyroTurns:

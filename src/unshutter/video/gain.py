@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _KEPT_OUT = 4  # every fourth track
 _RUNS, _RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
 _FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
-_TALL = 1080  # px: displacements are judged in a picture whose short side has this many
+TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px there: what is smaller in so many per cent of the frames cannot be seen,
 _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
 _SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
@@ -74,8 +74,7 @@ class Gain:
             return self.reasons.most_common(1)[0][0] if self.reasons else None
         if 2 * len(self.displaced_px) < self.frames:
             return None
-        most = np.percentile(self.displaced_px, _MOST_FRAMES)
-        if most < _VISIBLE_PX and max(self.displaced_px) < _BRIEFLY_VISIBLE_PX:
+        if not is_visible(self.displaced_px):
             return Reason(Code.NO_VISIBLE_DISTORTION)
         if len(self.gains) < _FEW:
             return None
@@ -103,11 +102,17 @@ class Gain:
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
         self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
-        unit = _TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
+        unit = TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
         usual = [np.sort(each)[: max(1, int(0.9 * len(each)))].mean() for each in (left, after)]
         self.wobble_px.append((unit * usual[0] ** 0.5, unit * usual[1] ** 0.5))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
         self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+
+
+def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
+    """Whether anyone can see that frames are displaced so far [px of 1080 rows]."""
+    most = np.percentile(displaced_px, _MOST_FRAMES)
+    return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
 
 
 def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None) -> Gain:
@@ -161,7 +166,7 @@ class _Undone:
         seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)
         grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
         reason = (small.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
-        return cls(undone, reason, np.nan_to_num(grid) * _TALL / min(small.height, small.width))
+        return cls(undone, reason, np.nan_to_num(grid) * TALL / min(small.height, small.width))
 
     def seen(self, points: Float64[np.ndarray, "tracks 2"], tracks: Tracks) -> Float64[np.ndarray, "tracks 2"]:
         """Returns where points of the tracked copy lie once the motion is undone."""

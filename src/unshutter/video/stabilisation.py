@@ -26,6 +26,7 @@ from unshutter.orientation import Readout
 from unshutter.reasons import Reason
 from unshutter.video.frame_map import SteadyView, borders_of, margins, zoom_needed
 from unshutter.video.frame_warper import ROWS
+from unshutter.video.gain import TALL, is_visible
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Float32, Float64
@@ -129,6 +130,11 @@ class Stabilisation:
     unknown: int  # number of frames whose rotation since the previous frame is unknown
     level: bool  # whether horizons are level
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether the path was smooth already, so that it is left unchanged."""
+        return self.zoom == 1.0 and not self.limited and not self.turns.any()
+
     def view(self, frame: int) -> SteadyView | None:
         """Returns the stabilised view of a frame, or None if it is the camera's own."""
         if self.zoom == 1.0 and not self.turns[frame].any():
@@ -158,6 +164,8 @@ def stabilised(
     stiffness = stiffness_for((steadiness.stabilize or 0.0) / interval_s)
     most = steadiness.largest_zoom
     free = [scene.smoothed(stiffness, None) for scene in scenes]
+    if all(scene.unknown == 0 for scene in scenes) and not _visible(scenes, free):
+        return Stabilisation(path, np.zeros((len(path), 3)), np.ones(len(path)), 1.0, 0, 0, up is not None)
     needed = [scene.needed(turns) for scene, turns in zip(scenes, free, strict=True)]
     limited = [zooms > most for zooms in needed]
     turns = [
@@ -175,6 +183,15 @@ def stabilised(
         sum(scene.unknown for scene in scenes),
         up is not None,
     )
+
+
+def _visible(scenes: list[_Scene], turns: list[Float64[np.ndarray, "frames 3"]]) -> bool:
+    """Whether anyone can see that the path changes."""
+    axes_px = [
+        np.abs(each) * [scene.focal * TALL, scene.focal * TALL, TALL / 2]
+        for scene, each in zip(scenes, turns, strict=True)
+    ]
+    return bool(axes_px) and is_visible(np.concatenate(axes_px).max(axis=1))
 
 
 def _scenes(path: CameraPath, interval_s: float, up: np.ndarray | None) -> list[_Scene]:
