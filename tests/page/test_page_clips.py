@@ -117,7 +117,8 @@ def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
     drop(page, cut)
     wait_for(page, "failed")
     text = "Cannot read the clip: no film that can be read; the file may be cut off or damaged."
-    expect(page.locator("#stage .message")).to_have_text(f"{text} Close it with × and choose another file.")
+    next_step = "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …)."
+    expect(page.locator("#stage .message")).to_have_text(f"{text} {next_step}")
     expect(page.locator("#zoom")).to_be_hidden()  # there is nothing to look at
 
 

@@ -9,6 +9,8 @@ from support.browser import SLOW_MS, drop, wait_for
 from support.page_server import Server
 from unshutter.photo import Photo
 
+BOX = "node => node.getBoundingClientRect().toJSON()"
+
 
 def _width(page: Page) -> float:
     return page.locator(".compare").evaluate("node => node.offsetWidth")
@@ -240,8 +242,36 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     )
     assert len(sizes) > 12 and [each for each in sizes if each[1] < 43.9] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    drop(page, photo)  # a second one: buttons for both, each still in one row
+    drop(page, photo)  # a second one: buttons for both, each still in one row, below the name
     expect(page.get_by_role("button", name="Save all (zip)")).to_be_visible()
-    rows = [page.locator(each).bounding_box() for each in ("header", "#bar")]
-    assert all(row is not None and row["height"] < 66 for row in rows)
+    header, bar = (page.locator(each).evaluate(BOX)["height"] for each in ("header", "#bar"))
+    assert header < 66 and bar < 88
     context.close()
+
+
+def test_on_a_phone_the_verdict_is_seen_and_the_next_photo_starts_at_its_top(
+    chromium: Browser, server: Server, photo: Path, tmp_path: Path
+) -> None:
+    long = tmp_path / f"{'summer in Trier ' * 5}IMG_1234.jpg"
+    for path in (long, tmp_path / "b.jpg"):
+        path.write_bytes(photo.read_bytes())
+    (tmp_path / "empty.jpg").write_bytes(b"")
+    page = chromium.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.goto(server.link)
+    drop(page, long, tmp_path / "b.jpg", tmp_path / "empty.jpg")
+    for number, state in enumerate(("changed", "changed", "failed"), start=1):
+        wait_for(page, state, number)
+    names = ("#panel .said p:first-child", "#do-saveOne", "#name", "#name span:last-child")
+    verdict, save, name, ending = (page.locator(each).evaluate(BOX) for each in names)
+    assert save["bottom"] <= verdict["top"] and verdict["bottom"] <= 844
+    assert name["right"] >= ending["right"] - 1  # the end of the name is not cut off
+    page.evaluate("scrollTo(0, 500)")
+    page.locator("#next").dispatch_event("click")
+    expect(page.locator("#name")).to_have_text("b.jpg")
+    assert page.evaluate("scrollY") == 0
+    page.get_by_title("empty.jpg").click()
+    expect(page.locator("#stage .message")).to_contain_text("empty.jpg is empty")
+    page.get_by_role("button", name="Remove all that failed").click()
+    expect(page.locator("#thumbnails li")).to_have_count(2)
+    expect(page.locator("#remove-failed")).to_be_hidden()
+    page.close()

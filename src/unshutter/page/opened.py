@@ -98,7 +98,8 @@ def put_text(file: Path, text: str) -> None:
 @contextmanager
 def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[None]:
     """Turns errors in the block into one line that refers to files by names that the user recognises."""
-    called = {open_file.path: f"the {open_file.kind}", **(names or {})}
+    what = "the clip" if open_file.kind == "clip" else "the file"  # which may be no photo at all
+    called = {open_file.path: what, **(names or {})}
     with errors_in_one_line(names={str(path): name for path, name in called.items()}):
         yield
 

@@ -46,6 +46,7 @@ function take(files) {
 function show(photo) {
   strip.select(photo);
   view.show(photo);
+  scrollTo(0, 0); // on a phone, the page is longer than the screen
   arrange();
 }
 

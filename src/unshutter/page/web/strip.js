@@ -1,6 +1,6 @@
 // The thumbnails: a button for each photo or clip, with its state and how sure the answer is.
 
-import { make } from "./nodes.js";
+import { make, nameParts } from "./nodes.js";
 import { words } from "./words.js";
 
 const SIDE = 160; // px, of the longer side
@@ -25,7 +25,10 @@ export class Strip {
     this.filter = "all";
     this.buttons = Object.keys(FILTERS).map((name) => make("button", { type: "button", id: `filter-${name}`, onclick: () => this.show(name) }));
     this.progress = make("progress", { "aria-label": words.allDone });
-    bar.replaceChildren(make("span", { class: "row", role: "group", "aria-label": words.filter }, ...this.buttons), this.progress);
+    this.removeFailed = make("button", { type: "button", id: "remove-failed", onclick: () => {
+      for (const photo of [...this.#items.keys()].filter(FILTERS.failed)) on.close(photo);
+    } }, words.removeFailed);
+    bar.replaceChildren(make("span", { class: "row", role: "group", "aria-label": words.filter }, ...this.buttons), this.removeFailed, this.progress);
     this.#count();
   }
 
@@ -51,6 +54,7 @@ export class Strip {
       this.buttons[k].setAttribute("aria-pressed", name === this.filter);
     });
     for (const [photo, { item }] of this.#items) item.hidden = !FILTERS[this.filter](photo);
+    this.removeFailed.hidden = !photos.some(FILTERS.failed);
     this.on.filtered(this.shown.length);
     const done = photos.filter(({ state }) => !AT_WORK.includes(state)).length;
     this.progress.hidden = done === photos.length;
@@ -62,7 +66,7 @@ export class Strip {
     const canvas = make("canvas", { width: SIDE, height: SIDE, "aria-hidden": "true" });
     const state = make("span", { class: "state" });
     const pick = make("button", { type: "button", class: "thumbnail", title: photo.name, onclick: () => this.on.pick(photo) },
-      canvas, make("span", { class: "title" }, photo.name), state);
+      canvas, make("span", { class: "file-name" }, ...nameParts(photo.name)), state);
     const close = make("button", { type: "button", class: "close", "aria-label": words.close(photo.name),
       onclick: () => this.on.close(photo) }, "×");
     const item = make("li", {}, pick, close);

@@ -6,7 +6,7 @@ import { ClipControls } from "./clip_controls.js";
 import { Controls } from "./controls.js";
 import { Lines } from "./lines.js";
 import { Moments } from "./moments.js";
-import { by } from "./nodes.js";
+import { by, nameParts } from "./nodes.js";
 import { Player } from "./player.js";
 import { saveMotion, saveOne } from "./saving.js";
 import { Stage } from "./stage.js";
@@ -79,7 +79,8 @@ export class View {
     this.stage.clear();
     this.#linesShown = false;
     this.controls.hand.stop();
-    by("name").textContent = photo.name;
+    by("name").replaceChildren(...nameParts(photo.name));
+    by("name").title = photo.name;
     this.update();
     this.refresh("both");
   }
@@ -102,7 +103,7 @@ export class View {
     this.player.show(this.current);
     this.candidates.show(this.current);
     const inPicture = ["failed", "asking"].includes(state) && !pictures.before; // the error is said where the picture would be
-    if (inPicture) this.stage.say([words.sentence(this.current.error), state === "failed" ? words.failedHelp : ""].join(" "));
+    if (inPicture) this.stage.say([words.sentence(this.current.error, this.current.name), state === "failed" ? words.failedHelp : ""].join(" "));
     by("viewer").classList.toggle("bare", inPicture && state === "failed");
     by("panel").hidden = kind !== "photo" || state === "failed";
     by("clip-panel").hidden = kind !== "clip";

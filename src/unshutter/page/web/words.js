@@ -58,7 +58,8 @@ export const words = {
   finding: "finding the motion…",
   drawing: "drawing at full size…",
   failed: "cannot be used",
-  failedHelp: "Close it with × and choose another file.",
+  failedHelp: "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …).",
+  removeFailed: "Remove all that failed",
   savedToo: (state) => `${state} · saved`,
   changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
   changedByHand: "straightened by hand",
@@ -85,7 +86,8 @@ export const words = {
   youLeftAlone: "Left unchanged, as you asked.",
   nothingChanged: "There is nothing to save: the photo is unchanged.",
 
-  sentence: (line) => `${line[0].toUpperCase()}${line.slice(1)}.`,
+  // a file's name at the start stays in small letters
+  sentence: (line, name) => `${name && line.startsWith(name) ? line[0] : line[0].toUpperCase()}${line.slice(1)}.`,
 
   filmUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
 
