@@ -29,7 +29,7 @@ def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
     left = unshutter.rectify(photo, estimator=UNSURE)
     assert not left.changed
     assert left.reason == str(left.motion.reason)
-    assert left.reason.startswith("not sure: confidence 0.")
+    assert left.reason.startswith("not sure: it would help with a probability of 0.")
     assert left.motion.is_zero and left.motion.confidence == MIN_CONFIDENCE / 2
     assert left.found.largest_px == pytest.approx(9)
     assert left.valid.all()

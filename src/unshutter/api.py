@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from unshutter.motion import Motion
 from unshutter.motion.rectified import Rectified, undo
 from unshutter.motion.verdict import Candidate, alone
-from unshutter.options import DEFAULT_ESTIMATOR, MIN_CONFIDENCE, Camera, Edges, Find, Reference, Undo
+from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo
 from unshutter.options.fields import check_type, for_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, open_photo
@@ -39,13 +39,13 @@ def rectify(
     tilt_deg: float | None = None,
     exposure_s: float | None = None,
     readout_ms: float | None = None,
-    moving: bool = False,
+    moving: Moving | None = None,
     no_film: bool = False,
     candidate: int | None = None,
     reference: Reference | None = None,
     strength: float = 1.0,
     edges: Edges = "auto",
-    min_confidence: float = MIN_CONFIDENCE,
+    min_confidence: float | None = None,
 ) -> Rectified:
     """Removes rolling-shutter distortion from a photo.
 
@@ -109,7 +109,7 @@ def estimate(
     tilt_deg: float | None = None,
     exposure_s: float | None = None,
     readout_ms: float | None = None,
-    moving: bool = False,
+    moving: Moving | None = None,
     no_film: bool = False,
     candidate: int | None = None,
     reference: Reference | None = None,
@@ -155,7 +155,7 @@ def candidates(
     tilt_deg: float | None = None,
     exposure_s: float | None = None,
     readout_ms: float | None = None,
-    moving: bool = False,
+    moving: Moving | None = None,
     no_film: bool = False,
     candidate: int | None = None,
     reference: Reference | None = None,

@@ -59,7 +59,7 @@ class Code(StrEnum):
     NO_MOTION = "no-motion", "no motion"
     NO_VISIBLE_MOTION = "no-visible-motion", "no visible motion"
     STRENGTH_0 = "strength-0", "a strength of 0 undoes nothing"
-    UNSURE = "unsure", "not sure: confidence {confidence:.2f}"
+    UNSURE = "unsure", "not sure: it would help with a probability of {confidence:.2f}"
     UNSURE_WHETHER_MOVED = "unsure-whether-moved", "not sure whether the camera moved: confidence {confidence:.2f}"
     TOO_SMALL = "too-small", "it would move by less than half a pixel"
     # frames and clips

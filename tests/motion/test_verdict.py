@@ -8,7 +8,7 @@ import pytest
 from unshutter.errors import UsageError
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.verdict import Verdict
-from unshutter.options import MIN_CONFIDENCE, Rectify, Undo
+from unshutter.options import Rectify, Undo
 from unshutter.reasons import Cause, Code, Reason
 from unshutter.run.report import about
 
@@ -20,8 +20,8 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
 @pytest.mark.parametrize(
     ("motion", "least", "cause", "told"),
     [
-        (sheared(41.2, 0.936), 0.5, "", "up to 41 px, confidence 0.93: sure"),
-        (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50: likely"),
+        (sheared(41.2, 0.936), 0.5, "", "up to 41 px, confidence 0.93: likely"),
+        (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50: unsure"),
         (sheared(4.2), 1.0, "", "up to 4.2 px"),
         (sheared(4.2, 0.0), 0.0, "", "up to 4.2 px, confidence 0.00: unsure"),
         (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 1.00: sure"),
@@ -29,32 +29,39 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
             sheared(124, 0.36),
             0.5,
             "not sure",
-            "not sure: confidence 0.36; --min-confidence 0.3 would move it by up to 124 px",
+            "not sure: it would help with a probability of 0.36; --min-confidence 0.3 would move it by up to 124 px",
         ),
         (
             sheared(12, 0.4999),
             0.5,
             "not sure",
-            "not sure: confidence 0.49; --min-confidence 0.4 would move it by up to 12 px",
+            "not sure: it would help with a probability of 0.49; --min-confidence 0.4 would move it by up to 12 px",
         ),
         (
             sheared(12, 0.049),
             0.5,
             "not sure",
-            "not sure: confidence 0.04; --min-confidence 0.04 would move it by up to 12 px",
+            "not sure: it would help with a probability of 0.04; --min-confidence 0 would move it by up to 12 px",
         ),
         (sheared(0.49), 0.5, "less than half a pixel", None),
         (sheared(0.49, 0.1), 0.0, "less than half a pixel", None),
+        (sheared(0.49, 0.314), 0.5, "no motion", "no visible motion, confidence 0.31: unsure"),
         (
-            sheared(0.49, 0.314),
+            replace(sheared(0.0, 0.7), reason=Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.7)),
             0.5,
             "not sure",
-            "not sure whether the camera moved: confidence 0.31; --moving says that it did",
+            "not sure whether the camera moved: confidence 0.70; --moving says that it did",
+        ),
+        (
+            replace(sheared(9.0, 0.93), expected_error=0.026),
+            0.5,
+            "",
+            "up to 9.0 px, confidence 0.93: likely, within about 2.1 px",
         ),
         (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "no motion", None),
         (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
         (RowMotion.from_polynomials([0, 1.9], [0], 512, 100), 0.5, "", None),
-        (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90: sure"),
+        (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90: likely"),
         (replace(sheared(0.0), reason=Reason.stated("too few lines")), 0.5, "nothing to go by", "too few lines"),
     ],
 )
@@ -81,7 +88,7 @@ def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
     motion = sheared(124, 0.36)
     left = Verdict.of(motion, Undo(min_confidence=0.5)).left_alone(motion)
     assert left.is_zero
-    assert (left.confidence, left.reason, left.width) == (0.36, Reason.of(Code.UNSURE, confidence=0.36), 100)
+    assert (left.confidence, left.reason, left.width) == (0.36, Reason.of(Code.UNSURE, confidence=0.36, px=124.0), 100)
 
 
 def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
@@ -96,7 +103,7 @@ def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
 
 def test_a_given_motion_is_undone_however_sure() -> None:
     assert Rectify(motion="m.json").settled().undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
-    assert Rectify().undo.min_confidence == MIN_CONFIDENCE
+    assert Rectify().undo.min_confidence is None
     with pytest.raises(UsageError, match="leave out the least confidence"):
         Undo(min_confidence=0.7).at_any_confidence()
 
@@ -109,7 +116,7 @@ def test_a_confidence_that_cannot_be(wrong: float) -> None:
 
 @pytest.mark.parametrize(
     ("tx_px", "confidence", "certainty", "look"),
-    [(90, 0.8, "sure", False), (90, 0.79, "likely", False), (90, 0.49, "unsure", True), (6, 0.1, "unsure", False)],
+    [(90, 0.95, "sure", False), (90, 0.94, "likely", False), (90, 0.79, "unsure", True), (6, 0.5, "unsure", False)],
 )
 def test_a_large_motion_that_is_unsure_asks_for_a_look(
     tx_px: float, confidence: float, certainty: str, look: bool

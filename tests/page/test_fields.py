@@ -16,7 +16,7 @@ def test_the_same_as_on_the_command_line() -> None:
     given = {"strength": "0.5", "edges": "crop", "roll-deg": "-2.5", "min-confidence": "0", "format": "png"}
     words = [word for name, value in given.items() for word in (f"--{name}", value)] + ["--moving"]
     expected = parse("rectify", RECTIFY, ["photo.jpg", *words])
-    wanted = read(given | {"moving": "true"}, Path)
+    wanted = read(given | {"moving": "yes"}, Path)
     assert (wanted.find, wanted.undo, wanted.save) == (expected.find, expected.undo, expected.save)
 
 
@@ -45,7 +45,8 @@ def test_nothing_given_is_the_default() -> None:
         ({"strength": "much"}, "field 'strength' takes a number"),
         ({"strength": "2.1"}, "strength must lie between 0 and 2"),
         ({"strength": "nan"}, "strength must lie between 0 and 2"),
-        ({"moving": "perhaps"}, "field 'moving' takes true or false"),
+        ({"moving": "perhaps"}, "field 'moving' takes one of yes, left"),
+        ({"no-film": "perhaps"}, "field 'no-film' takes true or false"),
         ({"edges": "round"}, "field 'edges' takes one of auto"),
         ({"readout": "inwards"}, "field 'readout' takes one of"),
         ({"roll-deg": "90"}, "roll must lie between"),

@@ -58,10 +58,10 @@ def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path)
     expect(page.locator("#advice")).to_contain_text("Left unchanged: only 0 straight lines were found.")
     expect(page.locator(".handle")).to_be_hidden()  # there are no two halves
     expect(page.get_by_role("button", name="Save this photo")).to_be_disabled()
-    with page.expect_response("**/after?*moving=true*"):
-        page.get_by_role("button", name="Was the camera moving? Try").click()
+    with page.expect_response("**/after?*moving=yes*"):
+        page.get_by_role("button", name="It moved somehow").click()
     wait_for(page, "alone")
-    expect(page.get_by_role("button", name="Was the camera moving? Try")).to_have_count(0)
+    expect(page.get_by_role("button", name="It moved somehow")).to_have_count(0)
     page.get_by_role("button", name="Add the frame before or after").click()
     expect(page.get_by_text("Taken before…")).to_be_visible()
     page.get_by_role("button", name="By hand…").click()
@@ -71,12 +71,12 @@ def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path)
 def test_an_answer_that_comes_while_an_offer_is_pressed_does_not_lose_the_click(page: Page, grey: Path) -> None:
     drop(page, grey)
     wait_for(page, "alone")
-    page.get_by_role("button", name="Was the camera moving? Try").hover()
+    page.get_by_role("button", name="It moved somehow").hover()
     page.mouse.down()
     with page.expect_response("**/after?*strength=0.9*"):
         page.locator("#strength-number").evaluate("n => { n.value = 90; n.dispatchEvent(new Event('change')) }")
     page.wait_for_timeout(300)  # until the answer has been read and shown
-    with page.expect_request("**/after?*moving=true*"):
+    with page.expect_request("**/after?*moving=yes*"):
         page.mouse.up()
 
 

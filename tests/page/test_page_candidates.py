@@ -105,8 +105,8 @@ def test_another_way_to_find_the_motion_forgets_the_candidate(page: Page, photo:
     wait_for(page)
     page.get_by_role("button", name=STILL).click()
     wait_for(page, "alone")
-    with page.expect_response("**/candidates?*moving=true*") as response:
-        page.get_by_label("The camera was moving").check()
+    with page.expect_response("**/candidates?*moving=yes*") as response:
+        page.get_by_label("The camera was moving").select_option("yes")
     assert "candidate=" not in response.value.url
     assert json.loads(response.value.text())[0]["taken"] in (True, False)
     wait_for(page, "changed")
@@ -119,11 +119,11 @@ def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(page: Page, photo:
     shown = page.locator("#candidates button")
     expect(shown.filter(has_text="likeliest")).to_have_count(1)
     expect(page.locator("#candidates")).not_to_contain_text("%")
-    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"chance that this is what happened is .* %"))
+    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"probability that this helps is .* %"))
     line = page.evaluate("async () => (await import('/page/words.js')).words.unsureHelp")
     unsure = page.locator("[data-sure=unsure].sureness").count()
     expect(page.locator("#panel .said").get_by_text(line)).to_have_count(unsure)
-    page.get_by_label("The camera was moving").check()  # then the chance of standing still says nothing
+    page.get_by_label("The camera was moving").select_option("yes")  # then the chance of standing still says nothing
     expect(page.locator("#candidates")).not_to_contain_text("likeliest")
 
 

@@ -56,7 +56,7 @@ def test_what_to_do_next_ends_the_summary(folder: Path, capsys: pytest.CaptureFi
 
 def test_a_line_says_one_thing_unless_more_is_wanted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = (folder, "-o", folder.parent / "out", "--overwrite")
-    for more, text in (([], "sure)"), (["-v"], "sure; cropped to 84 %)")):
+    for more, text in (([], "likely)"), (["-v"], "likely; cropped to 84 %)")):
         assert found(*words, *more) == 0
         assert capsys.readouterr().err.splitlines()[0].endswith(f"(up to 9.0 px, confidence 0.90: {text}")
 
@@ -65,9 +65,9 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     out, log = folder.parent / "out", folder.parent / "log.jsonl"
     assert found(folder, "-o", out, "--json-log", log, "--edges", "keep") == 0
     told = capsys.readouterr().err.splitlines()
-    assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: sure)"
+    assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: likely)"
     assert told[1] == f"{folder}/dark.png left unchanged (too dark)"
-    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: confidence 0.36)"
+    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: it would help with a probability of 0.36)"
     counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"
     assert told[-2] == f"unshutter: {counted}"
     for name in PHOTOS:
@@ -82,7 +82,7 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     assert events["end"]["left_as_they_are"] == {"nothing to go by": 1, "no motion": 1, "not sure": 1}
     records = [json.loads(line) for line in (out / "unshutter-manifest.jsonl").read_text().splitlines()]
     done = {record["target"]: record for record in records if record["state"] == "done"}
-    assert done["unsure.rectified.jpg"]["reason"] == "not sure: confidence 0.36"
+    assert done["unsure.rectified.jpg"]["reason"] == "not sure: it would help with a probability of 0.36"
     assert done["clear.rectified.jpg"]["changed"]
 
 
@@ -181,7 +181,7 @@ def test_the_saved_motion_is_the_one_that_was_undone(folder: Path) -> None:
     motion = folder.parent / "motion.json"
     assert found(folder / "unsure.jpg", "-o", folder.parent / "out.jpg", "--save-motion", motion) == 0
     left = Motion.load(motion)
-    assert left.is_zero and str(left.reason) == "not sure: confidence 0.36"
+    assert left.is_zero and str(left.reason) == "not sure: it would help with a probability of 0.36"
 
 
 def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:

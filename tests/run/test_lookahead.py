@@ -186,7 +186,9 @@ def test_every_option_reaches_the_estimate(
     Photo.from_array(rolling_facade).save(photo)
     undone = ("--min-confidence", "0.001", *words)  # 0 asks for another answer
     assert rectify(photo, "-o", tmp_path / "out.png", "--save-motion", motion, *undone) == 0
-    np.testing.assert_array_equal(Motion.load(motion).tx_px, unshutter.estimate(photo, **find).tx_px)
+    np.testing.assert_array_equal(
+        Motion.load(motion).tx_px, unshutter.rectify(photo, min_confidence=0.001, **find).found.tx_px
+    )
 
 
 def test_a_camera_that_is_known_reaches_the_view(photos: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:

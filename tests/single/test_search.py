@@ -8,7 +8,6 @@ import pytest
 
 from unshutter import RowMotion
 from unshutter.motion import geometry
-from unshutter.single.candidates import judge
 from unshutter.single.likelihood import ManhattanLikelihood
 from unshutter.single.prior import CAMERA, NORMAL, UNKNOWNS, Beliefs, KnownCamera, MotionKind, SecondOpinion
 from unshutter.single.search import descend, explore
@@ -77,7 +76,6 @@ def test_a_scene_on_its_side_needs_to_know_where_up_is() -> None:
 def test_a_camera_that_stood_still_is_recognised() -> None:
     still = explore(quadratic_likelihood(street(roll=0.02, tilt=0.15, seed=4), ROWS), [])
     assert still.evidence < 0
-    assert error_px(judge(still).motion, np.zeros(6)) < 0.3
 
 
 def test_a_known_roll_and_tilt_tell_the_shear() -> None:
@@ -116,7 +114,7 @@ def test_without_right_angles_nothing_is_sure() -> None:
     posterior = explore(quadratic_likelihood(np.concatenate([middle - half, middle + half], 1), ROWS), [])
     sure = explore(quadratic_likelihood(rolled(street(), MOTION), ROWS), [])
     assert posterior.lines_gain < 0.3 < sure.lines_gain
-    assert error_px(judge(posterior).motion, np.zeros(6)) < 0.5
+    assert posterior.evidence < sure.evidence
 
 
 def test_the_posterior_is_what_it_was() -> None:

@@ -13,7 +13,7 @@ import pytest
 from unshutter.cli import main
 from unshutter.motion import RowMotion
 from unshutter.photo import Photo
-from unshutter.single import candidates
+from unshutter.single import prospects
 from unshutter.single.estimator import View
 from unshutter.single.methods import SegmentManhattan
 from unshutter.single.prior import Calibration, Forest
@@ -57,13 +57,13 @@ def test_the_file_is_one_that_the_default_method_runs_on(
     calibrated: Path, data: Path, facade: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = Calibration.read(calibrated / "calibration.json")
-    monkeypatch.setattr(candidates, "shipped", lambda: file)
+    monkeypatch.setattr(prospects, "shipped", lambda: file)
     known = method("segment-manhattan")
     motion = SegmentManhattan(known, known.weights, file.network_errors, file.kinds).estimate(
         View(Photo.from_array(facade))
     )
     assert motion.confidence is not None and 0 < motion.confidence < 1
-    assert all(fields.slopes for fields in file.confidence.values())
+    assert all(len(each.better.feature) > 1 for each in (file.with_network, file.without_network))
 
 
 def test_the_file_says_what_it_was_made_of(calibrated: Path, data: Path) -> None:
@@ -165,8 +165,8 @@ def test_the_forest_of_the_file_says_what_the_fitted_one_says() -> None:
     table = rng.normal(size=(600, 3))
     helps = table[:, 0] + table[:, 1] ** 2 + 0.3 * rng.normal(size=600) > 0.5
     trees = HistGradientBoostingClassifier(max_depth=3, max_iter=20, random_state=0).fit(table, helps)
-    forest = Forest.of(forest_fields(trees, ("a", "b", "c")))
-    own = [forest.odds(dict(zip("abc", row, strict=True))) for row in table[:50]]
+    forest = Forest.read(forest_fields(trees, ("a", "b", "c")))
+    own = [forest.of(dict(zip("abc", row, strict=True))) for row in table[:50]]
     np.testing.assert_allclose(own, trees.decision_function(table[:50]), atol=1e-4)
 
 

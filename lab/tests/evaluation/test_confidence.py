@@ -23,7 +23,7 @@ from unshutter_lab.evaluation.reliability import (
 def judged(epe: Sequence[float], confidence: Sequence[float | None], order: Sequence[int] | None = None) -> Judged:
     """Of records in the order given."""
     records: list[Record] = [
-        {"epe": e, "epe_nothing": 4.0, "confidence": c} for e, c in zip(epe, confidence, strict=True)
+        {"epe": e, "epe_nothing": 1.0, "epe_best": 0.5, "confidence": c} for e, c in zip(epe, confidence, strict=True)
     ]
     return Judged.of(pd.DataFrame([records[k] for k in order or range(len(records))]))
 
@@ -69,7 +69,7 @@ def test_two_kinds_of_pictures_count_alike_however_many_there_are() -> None:
 
 @pytest.mark.parametrize("step", [1, 2, 4])  # through the seven pictures
 def test_ten_bins_of_stated_against_true_shares(step: int) -> None:
-    """An error of just 1 px is not below it, a confidence of 0.8 starts a bin, one of 1 ends the last."""
+    """What is left at its 1 px has a better candidate, a confidence of 0.8 starts a bin, one of 1 ends the last."""
     order = [k * step % 7 for k in range(7)]
     some = judged([0.5, 1.0, 0.2, 3.0, 0.9, 50, 0.1], [0.8, 0.83, 0.89, 0.79, 1.0, None, 0.9], order)
     bins = some.bins()
@@ -81,17 +81,18 @@ def test_ten_bins_of_stated_against_true_shares(step: int) -> None:
     assert mean_gap(bins) == pytest.approx(0.79 / 6 + (0.84 - 2 / 3) / 2 + 0.05 / 3)
 
 
-def test_a_tenth_of_a_large_motion_is_right() -> None:
-    """3 of 40 px are; 3 of 20 are not, nor is just a tenth."""
-    records = [{"epe": 3.0, "epe_nothing": nothing, "confidence": 0.6} for nothing in (40.0, 20.0, 30.0)]
+def test_right_is_what_is_closer_to_the_truth_than_the_photo() -> None:
+    """Better, worse, and left unchanged with no candidate that is better, and with one."""
+    answers = [(3.0, 3.0), (5.0, 4.0), (4.0, 4.0), (4.0, 2.0)]
+    records = [{"epe": epe, "epe_nothing": 4.0, "epe_best": best, "confidence": 0.6} for epe, best in answers]
     (only,) = Judged.of(pd.DataFrame(records)).bins()
-    assert (only.count, only.right) == (3, pytest.approx(1 / 3))
+    assert (only.count, only.right) == (4, pytest.approx(2 / 4))
 
 
 def test_kinds_are_those_of_the_answers() -> None:
     answers = [("pan", "", 0.4, 0.5), ("pan", "", 0.6, 9.0), ("pan", "no motion", 0.9, 0.2), ("hand", "", None, 0.1)]
     records: list[Record] = [
-        {"epe": epe, "epe_nothing": 4.0, "kind": kind, "left_alone": left, "confidence": confidence}
+        {"epe": epe, "epe_nothing": 4.0, "epe_best": 0.1, "kind": kind, "left_alone": left, "confidence": confidence}
         for kind, left, confidence, epe in answers
     ]
     kinds = Judged.of(pd.DataFrame(records)).by_kind()

@@ -81,7 +81,7 @@ def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> No
         (9, 0.9, ""),
         (9, 0.01, "not sure"),
         (0.4, 0.9, "no motion"),
-        (0.4, 0.3, "not sure"),
+        (0.4, 0.3, "no motion"),
         (0.4, None, "less than half a pixel"),
         (9, None, ""),
         (0, 0.9, "no motion"),

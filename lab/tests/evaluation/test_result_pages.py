@@ -63,7 +63,7 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
         "undistorted": [(0, 0.9), (0, 0.8), (0, 0.7), (0, 0.6), (2, 0.95)],
     }
     for name, pictures in confidences.items():
-        kinds = {"kind": "hand", "left_alone": "", "farthest": 9.0}
+        kinds = {"kind": "hand", "left_alone": "", "farthest": 9.0, "epe_nothing": 1.0, "epe_best": 0.5}
         records = [record("manhattan", float(epe), confidence=confidence, **kinds) for epe, confidence in pictures]
         records += [record("none", 4.0, confidence=None), record("manhattan", 99.0, confidence=0.5, suite="other")]
         results = Results(Request(name, (Path("photos/houses"),)), ["none", "manhattan"], [], records)

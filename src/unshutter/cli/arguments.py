@@ -67,19 +67,22 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
 
 
 def _with_bare_values(words: Sequence[str], kind: type) -> list[str]:
-    """Adds the default value to each flag that may be used without one and is not followed by a number.
+    """Adds the default value to each flag that may be used without one and is not followed by a value.
 
     argparse would use whatever follows as its value, even a file name.
     """
-    bare = {_flag(each): each.more["bare"] for each in options_of(kind) if "bare" in each.more}
+    bare = {_flag(each): each for each in options_of(kind) if "bare" in each.more}
     followers = [*words[1:], ""][: len(words)]
     return [
-        f"{word}={bare[word]}" if word in bare and not _is_number(following) else word
+        f"{word}={bare[word].more['bare']}" if word in bare and not _is_value(following, bare[word]) else word
         for word, following in zip(words, followers, strict=True)
     ]
 
 
-def _is_number(word: str) -> bool:
+def _is_value(word: str, option: Option) -> bool:
+    """Whether a word is a choice of the option, or the number that it takes."""
+    if option.choices:
+        return word in option.choices
     try:
         float(word)
     except ValueError:

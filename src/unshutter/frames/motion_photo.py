@@ -17,7 +17,7 @@ from unshutter.frames.registration import Frames, Matches, Placement, StillFit, 
 from unshutter.frames.self_calibration import fewer, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion import Motion
-from unshutter.motion.verdict import probability_right
+from unshutter.motion.verdict import probability_better
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, MotionSource, Reason
@@ -276,7 +276,8 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutTime) -> Fi
         return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
     error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
-    return FilmEvidence(replace(motion, confidence=probability_right(size, float(error))))
+    better = probability_better(size, float(error))
+    return FilmEvidence(replace(motion, confidence=better, expected_error=float(error) / ROWS))
 
 
 def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:

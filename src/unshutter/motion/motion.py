@@ -81,8 +81,11 @@ class Motion(ABC):
             the motion is zero there.
         readout: direction in which the stored pixels were read.
         estimator: name of the method or source that found this motion.
-        confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows or a tenth of
-            the motion's own displacement, whichever is more; None if the estimator does not report one.
+        confidence: probability (0 ... 1) that undoing it brings the photo closer to the truth; for no motion, that no
+            motion would, unless the reason is that a motion was too unsure: then the probability is that motion's.
+            None if the estimator does not report one.
+        expected_error: mean displacement that is expected to remain if it does, as a share of the rows; None if the
+            estimator does not report one.
         reason: why there is no motion, if the estimator declined; otherwise None.
         roll_deg, tilt_deg: attitude of the camera (see :class:`~unshutter.options.Camera`) [degrees]; None if unknown
             when the motion was found.
@@ -107,6 +110,7 @@ class Motion(ABC):
     readout: Readout = Readout.TOP_TO_BOTTOM
     estimator: str = "given"
     confidence: float | None = None
+    expected_error: float | None = None
     reason: Reason | None = None
     roll_deg: float | None = None
     tilt_deg: float | None = None

@@ -104,6 +104,8 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         data["attitude"] = {**held, "from": common["attitude_from"]}
     if common["exposure_s"] is not None:
         data["exposure_s"] = common["exposure_s"]
+    if common["expected_error"] is not None:
+        data["expected_error"] = round(common["expected_error"], 6)
     if common["kind_shares"]:
         data["kinds"] = {name: round(share, 4) for name, share in common["kind_shares"]}
     if common["film"] is not None:
@@ -128,6 +130,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
         "readout": Readout.parse(data.get("readout", "auto")),
         "estimator": visible(str(data.get("estimator", "given"))),
         "confidence": _number(data.get("confidence")),
+        "expected_error": _number(data.get("expected_error")),
         "reason": reason_of(data),
         "roll_deg": _number(attitude.get("roll_deg")),
         "tilt_deg": _number(attitude.get("tilt_deg")),

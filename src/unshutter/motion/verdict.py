@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.motion import Motion
-from unshutter.options import Undo, check_time
+from unshutter.options import MIN_CONFIDENCE, Undo, check_time
 from unshutter.orientation import scene_up
 from unshutter.reasons import Cause, Code, MotionSource, Reason, pixels
 
@@ -64,10 +64,9 @@ def json_with_speed(motion: Motion, readout_ms: float) -> str:
     return json.dumps(json.loads(motion.to_json()) | {"speed": Speed.of(motion, readout_ms).summary()})
 
 
-SURE, LIKELY = 0.8, 0.5  # least confidence of a verdict that is sure, or likely: calibrated probabilities
+SURE, LIKELY = 0.95, 0.8  # least confidence of a verdict that is sure, or likely: calibrated probabilities
 _LARGE = 1 / 12  # of the rows: an unsure motion with a larger displacement deserves a look
 _SMALLEST = 256  # estimated motions below 1 / this of the rows are within their error
-_PROBABLY = 0.5  # least confidence that nothing moved
 LEAST_PX = 0.5  # below this, resampling costs more sharpness than the correction gains
 
 _CAUSES = {
@@ -84,13 +83,13 @@ _CAUSES = {
 _WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # their sentences do not state it
 
 
-def probability_right(size_px: float, error_px: float) -> float:
-    """Probability that a motion is right, in the sense of :attr:`Motion.confidence`.
+def probability_better(size: float, error: float) -> float:
+    """Probability that undoing a motion brings a photo closer to the truth: that its error is smaller than it is.
 
     Args:
-        size_px, error_px: mean displacement, and the standard deviation of its error [px of 256 rows].
+        size, error: mean displacement, and the standard deviation of its error, in the same unit.
     """
-    return math.erf(max(1.0, 0.1 * size_px) / (math.sqrt(2) * max(error_px, 1e-9)))
+    return math.erf(size / (math.sqrt(2) * max(error, 1e-9)))
 
 
 def least_visible_px(rows: int) -> float:
@@ -116,19 +115,22 @@ class Verdict:
     """Whether a motion is undone, and why if it is not."""
 
     largest_px: float  # largest displacement that undoing the motion would cause [px]
-    confidence: float | None = None  # confidence of the motion
+    confidence: float | None = None  # of the motion: the probability that the result is better than the photo
     reason: Reason | None = None  # why the photo is left unchanged; None if the motion is undone
     # source of the motion; None if it was estimated from the photo's pixels or supplied by the user
     source: MotionSource | None = None
     rows: int = 0  # number of rows of the picture; 0 if unknown
     film: Reason | None = None  # why the film inside the photo was not used; None if it was used or the photo has none
+    error_px: float | None = None  # expected mean displacement that remains if undoing the motion helps [px]
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
         """Decides whether to undo a motion, which has the photo's size, and the strength and reference row to use."""
         largest, sure = motion.largest_px, motion.confidence
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
-        return cls(largest, sure, _reason_against(motion, largest, sure, undo), source, motion.height, motion.film)
+        reason = _reason_against(motion, largest, sure, undo)
+        error_px = None if motion.expected_error is None else motion.expected_error * motion.height
+        return cls(largest, sure, reason, source, motion.height, motion.film, error_px)
 
     @property
     def changes(self) -> bool:
@@ -167,15 +169,18 @@ class Verdict:
         return replace(motion.scaled(0), reason=self.reason)
 
     def described(self) -> str:
-        """One-line summary, e.g. ``up to 41 px, confidence 0.93: sure``, or why the photo is left unchanged."""
+        """One-line summary: ``up to 41 px, confidence 0.93: likely, within about 2 px``, or why it is unchanged."""
+        within = "" if self.error_px is None else f", within about {pixels(self.error_px)}"
         look = ", please look" if self.needs_a_look else ""
-        words = f"up to {pixels(self.largest_px)}{self._at_confidence}{look}" if self.changes else self.sentence
+        words = f"up to {pixels(self.largest_px)}{self._at_confidence}{within}{look}" if self.changes else self.sentence
         return words if self.source is None else f"{words} (by the film inside it)"
 
     def as_json(self) -> dict[str, Any]:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
+        if self.error_px is not None and self.changes:
+            data["expected_error_px"] = round(self.error_px, 2)
         if self.source is not None:
             data["source"] = self.source
         if self.film is not None:
@@ -206,13 +211,11 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
         return Reason(Code.STRENGTH_0)
     if motion.is_zero:
         return Reason(Code.NO_MOTION)
-    if sure is not None and undo.min_confidence > 0:
+    if sure is not None and undo.min_confidence != 0:
         if largest < least_visible_px(motion.height):
-            if sure >= _PROBABLY:
-                return Reason(Code.NO_VISIBLE_MOTION)
-            return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=_two_decimals(sure))
-        if sure < undo.min_confidence:
-            return Reason.of(Code.UNSURE, confidence=_two_decimals(sure))
+            return Reason(Code.NO_VISIBLE_MOTION)
+        if sure < (MIN_CONFIDENCE if undo.min_confidence is None else undo.min_confidence):
+            return Reason.of(Code.UNSURE, confidence=_two_decimals(sure), px=largest)
     return Reason(Code.TOO_SMALL) if largest < LEAST_PX else None
 
 
@@ -237,9 +240,9 @@ class Candidate:
         kind: still (the photo is left unchanged), pan, hand (shake), quadratic (uneven motion, as drawn in benchmarks),
             or other (for methods that do not report a kind).
         motion: for the photo's full size, with the first row as the reference.
-        probability: that this is what happened, 0 to 1; None if the method does not report one.
-        expected_error_px: mean remaining displacement after undoing this motion [px]; None if the method does not
-            report one.
+        probability: that undoing this motion brings the photo closer to the truth, 0 to 1, the same as the motion's
+            confidence; for the unchanged photo, that none of the others does. None if the method does not report one.
+        expected_error_px: mean displacement that remains if it does [px]; None if the method does not report one.
         orientation: EXIF orientation of the photo; determines the directions in the description.
     """
 

@@ -21,6 +21,7 @@ from unshutter.options.photo_options import (
     Edges,
     Find,
     FrameModel,
+    Moving,
     Neighbours,
     PictureFormat,
     Reference,

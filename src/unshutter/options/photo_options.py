@@ -26,6 +26,9 @@ def check_focal(focal_px: float | None, rows: int = 64) -> None:
         raise UsageError(f"the focal length must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
 
 
+Moving = Literal["yes", "left", "right", "up", "down"]
+
+
 @dataclass(frozen=True)
 class Camera:
     """What you know about the camera."""
@@ -59,19 +62,27 @@ class Camera:
         "Readout time, from the first row to the last, in milliseconds. Default: the usual time for such a camera.",
         metavar="MS",
     )
-    moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
+    moving: Moving | None = option(
+        None,
+        "The camera was on the move: in a train, on a car, on a drone. left, right, up or down: the way it went or "
+        "turned across the picture, if you know it; this decides between candidates.",
+        bare="yes",
+    )
     no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
     candidate: int | None = option(
         None,
         "Undo candidate N from `unshutter estimate --candidates`, however unsure, instead of the first.",
         metavar="N",
     )
-    # whether to accept the likeliest motion even if no motion at all is likelier; set by a least confidence of 0
+    # confidence from which a motion is undone, instead of weighing gain against harm; set by a least confidence
     # (:meth:`for_least_confidence`)
-    at_any_odds: bool = False
+    least_confidence: float | None = None
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
+        if self.moving not in (None, *get_args(Moving)):
+            ways = ", ".join(get_args(Moving))
+            raise UsageError(f"the way that the camera moved must be one of {ways}, got {self.moving}")
         if self.candidate is not None and self.candidate < 1:
             raise UsageError(f"candidates are counted from 1, got {self.candidate}")
         check_focal(self.focal_px)
@@ -86,9 +97,14 @@ class Camera:
         """The readout direction, with ``auto`` resolved."""
         return Readout.parse(self.readout)
 
-    def for_least_confidence(self, least: float) -> Camera:
+    @property
+    def at_any_odds(self) -> bool:
+        """Whether to accept the likeliest motion, however unsure."""
+        return self.least_confidence == 0
+
+    def for_least_confidence(self, least: float | None) -> Camera:
         """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
-        return replace(self, at_any_odds=least == 0 and self.candidate is None)
+        return replace(self, least_confidence=least if self.candidate is None else None)
 
     def check_unused(self) -> None:
         """Checks that only the readout direction is set, as required when no motion is to be found."""
@@ -109,7 +125,8 @@ class Find:
     camera: Camera = field(default_factory=Camera)  # known facts about the camera
 
 
-MIN_CONFIDENCE = 0.02  # least confidence of a motion that is undone, unless the user sets another
+# of a motion that is undone, unless the user sets another; methods that weigh gain against harm ask for as much
+MIN_CONFIDENCE = 0.45
 MOST_STRENGTH = 2.0
 
 Reference = Literal["first", "middle", "last"]
@@ -145,17 +162,17 @@ class Undo:
         "otherwise it keeps them, as it does where coordinates refer to the whole photo: with masks, saved motions and "
         "sequences. borrow takes them from the neighbouring frames. Default: auto.",
     )
-    min_confidence: float = option(
-        MIN_CONFIDENCE,
-        "Leave a photo unchanged if the confidence in its motion is below this; 0 undoes the likeliest motion, however "
-        "unsure. A motion that you supply is undone whatever its confidence. "
-        f"Default: {MIN_CONFIDENCE:g}.",
+    min_confidence: float | None = option(
+        None,
+        "Least probability that the result is better than the photo, 0 to 1; below it, the photo is left unchanged. "
+        "0 undoes the likeliest motion, however unsure. A motion that you supply is undone whatever its confidence. "
+        "Default: the gain that can be expected must outweigh the harm, which takes about 0.6.",
         limits=(0, 1),
     )
 
     def __post_init__(self) -> None:
         check_strength(self.strength)
-        if not 0 <= self.min_confidence <= 1:
+        if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
             raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
         if self.edges != "borrow":
             check_edges(self.edges)
@@ -168,7 +185,7 @@ class Undo:
 
     def at_any_confidence(self) -> Undo:
         """Returns the options for a motion from the user, which is undone regardless of its confidence."""
-        if self.min_confidence not in (0, MIN_CONFIDENCE):
+        if self.min_confidence:
             raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
         return replace(self, min_confidence=0)
 

@@ -84,7 +84,7 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any
     from unshutter.motion.rectified import judged
 
     find = options.rectify.find
-    find = replace(find, camera=replace(find.camera, candidate=None, at_any_odds=False))
+    find = replace(find, camera=replace(find.camera, candidate=None, least_confidence=None))
     with errors_of(open_file):
         photo = opened(open_file)
         possible = _candidates_of(open_file, photo, find)

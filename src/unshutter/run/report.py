@@ -211,9 +211,9 @@ def _advice(verdict: Verdict) -> str:
     if verdict.reason is None or verdict.confidence is None:
         return ""
     if verdict.reason.code is Code.UNSURE:
-        steps = 10 if verdict.confidence >= 0.1 else 100
-        limit = math.floor(steps * verdict.confidence) / steps  # one digit: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0
-        return f"--min-confidence {limit:g} would move it by up to {pixels(verdict.largest_px)}"
+        figures = dict(verdict.reason.figures)
+        limit = math.floor(10 * float(figures["confidence"])) / 10
+        return f"--min-confidence {limit:g} would move it by up to {pixels(float(figures['px']))}"
     return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""
 
 

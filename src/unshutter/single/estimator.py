@@ -58,6 +58,12 @@ class View:
         """Unit vector (right, down) towards the top of the scene, from the EXIF orientation."""
         return scene_up(self.photo.orientation, self.readout)
 
+    @property
+    def heading(self) -> int:
+        """Sign of t_x over the readout, from the stated way of the camera across the picture; 0 if that is unknown."""
+        right, up = self.up
+        return {"left": -up, "right": up, "up": -right, "down": right}.get(self.camera.moving or "", 0)
+
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """Returns a [h, w] uint8 grey copy whose short side is about ``short_side`` px; never enlarged."""
         return self.readout.turn(self.photo.grey(short_side))

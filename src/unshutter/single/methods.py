@@ -140,7 +140,8 @@ class SegmentManhattan(_RightAngles):
         answer = self._network.coefficients(segments, view.up).ravel()
         precision = self._errors.precision(PX * displacement(answer))
         opinion = SecondOpinion(answer, precision, self._errors.freedom)
-        return explore(likelihood_of(view, segments, size, opinion, self.kinds), [answer]), answer
+        towards = [view.heading * STARTS[0]] if view.heading else []
+        return explore(likelihood_of(view, segments, size, opinion, self.kinds), [answer, *towards]), answer
 
 
 SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]

@@ -128,45 +128,45 @@ class NetworkErrors:
 
 @dataclass(frozen=True)
 class Forest:
-    """Gradient-boosted decision trees of equal size. The values of their leaves add up to log odds."""
+    """Gradient-boosted decision trees of equal size. The values of their leaves add up to the result."""
 
     features: tuple[str, ...]  # names of the figures tested by nodes
     baseline: float  # constant to which the leaves' values are added
-    # steps from a root to its farthest leaf. feature, threshold, left, right, value: [trees, nodes]: a node leads to
-    # ``left`` if its figure is at most the threshold, otherwise to ``right``; a leaf leads to itself and has a value.
+    # steps from a root to its farthest leaf. feature, right, number: [trees, nodes]: a node leads to the next one if
+    # its figure is at most its number, otherwise to ``right``; a leaf has no feature (-1), and its number is its value.
     depth: int
     feature: np.ndarray
-    threshold: np.ndarray
-    left: np.ndarray
     right: np.ndarray
-    value: np.ndarray
+    number: np.ndarray
 
-    def odds(self, figures: dict[str, float]) -> float:
-        """Returns the log odds that undoing the motion is better than leaving it."""
+    def of(self, figures: dict[str, float]) -> float:
+        """Returns the result for the figures of a photo."""
         asked = np.array([figures[name] for name in self.features])
-        tree, node = np.arange(len(self.value)), np.zeros(len(self.value), int)
+        tree, node = np.arange(len(self.feature)), np.zeros(len(self.feature), int)
         for _ in range(self.depth):
-            below = asked[self.feature[tree, node]] <= self.threshold[tree, node]
-            node = np.where(below, self.left[tree, node], self.right[tree, node])
-        return self.baseline + float(self.value[tree, node].sum())
+            feature = self.feature[tree, node]
+            further = np.where(asked[feature] <= self.number[tree, node], node + 1, self.right[tree, node])
+            node = np.where(feature < 0, node, further)
+        return self.baseline + float(self.number[tree, node].sum())
 
     @classmethod
-    def of(cls, fields: dict[str, Any]) -> Forest:
+    def read(cls, fields: dict[str, Any]) -> Forest:
         """Reads the forest from the fields of a file."""
-        arrays = {name: np.array(fields[name]) for name in ("feature", "threshold", "left", "right", "value")}
+        arrays = {name: np.array(fields[name]) for name in ("feature", "right", "number")}
         return cls(tuple(fields["features"]), fields["baseline"], fields["depth"], **arrays)
 
 
 @dataclass(frozen=True)
-class Regression:
-    """A logistic regression."""
+class Experience:
+    """What became of photos whose motions were undone (prospects.py)."""
 
-    constant: float  # log odds if all figures are 0
-    slopes: dict[str, float]  # name of a figure -> change of the log odds per unit of it
+    better: Forest  # log odds that the result is closer to the truth than the photo, if half of all photos moved
+    error: Forest  # log of the error that remains if it is [px of 256 rows]
 
-    def log_odds(self, figures: dict[str, float]) -> float:
-        """Returns the log odds."""
-        return self.constant + sum(slope * figures[name] for name, slope in self.slopes.items())
+    @classmethod
+    def read(cls, fields: dict[str, Any]) -> Experience:
+        """Reads the forests from the fields of a file."""
+        return cls(Forest.read(fields["better"]), Forest.read(fields["error"]))
 
 
 @dataclass(frozen=True)
@@ -175,12 +175,8 @@ class Calibration:
 
     kinds: tuple[MotionKind, ...]  # kinds of motion and their priors
     network_errors: NetworkErrors  # error distribution of the network's estimate
-    forest: Forest  # odds that there was motion, if the network was run
-    odds_without_network: Regression  # odds that there was motion, if it was not
-    # for photos that are rectified and those left unchanged, with the network's estimate and without: "rectified",
-    # "left", "rectified without network", "left without network" -> log odds that the error is below 1 px of 256 rows
-    # or a tenth of the motion
-    confidence: dict[str, Regression]
+    with_network: Experience  # with the search that includes the network's estimate
+    without_network: Experience  # with the search that does not
 
     @classmethod
     def read(cls, path: Path) -> Calibration:
@@ -189,9 +185,8 @@ class Calibration:
         return cls(
             kinds_of(fields["kinds"]),
             NetworkErrors.of(fields["network_errors"]),
-            Forest.of(fields["forest"]),
-            Regression(**fields["odds_without_network"]),
-            {name: Regression(**each) for name, each in fields["confidence"].items()},
+            Experience.read(fields["with_network"]),
+            Experience.read(fields["without_network"]),
         )
 
 

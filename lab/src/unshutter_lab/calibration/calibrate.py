@@ -21,6 +21,7 @@ from unshutter.single.search import PX, displacement
 from unshutter.storage.locations import RunFiles, write_place
 from unshutter_lab.calibration.cases import (
     CROP,
+    CROPPED,
     CROPS,
     DRAWN,
     FRAME,
@@ -116,7 +117,7 @@ def _search_cases(
 ) -> list[SearchCase]:
     cases: list[SearchCase] = [
         SyntheticSearchCase(case.suite.name, case.photo, known, case)
-        for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL), seed, logs)
+        for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL, *CROPPED), seed, logs)
     ]
     for path in folders[ORDINARY]:
         crops = [OrdinarySearchCase(CROP, path.name, known, path, crop) for crop in range(CROPS)]
@@ -145,14 +146,11 @@ def _synthetic(
 
 def _fits(records: list[dict[str, Any]]) -> tuple[dict[str, Any], str]:
     """Returns the sections of the file, and a report on their accuracy."""
-    from unshutter_lab.calibration.fits import Cases, fit_with_network, fit_without_network
+    from unshutter_lab.calibration.fits import Cases, fit
 
-    network = fit_with_network(Cases.of(records, "with_network"))
-    without = fit_without_network(Cases.of(records, "without_network"))
-    confidence = {"rectified": network.rectified, "left": network.left}
-    confidence |= {"rectified without network": without.rectified, "left without network": without.left}
-    sections = {"odds_without_network": without.odds, "confidence": confidence, "forest": network.odds}
-    return sections, f"{network.report}\n\n{without.report}\n"
+    fits = {name: fit(Cases.of(records, name), name.replace("_", " ")) for name in ("with_network", "without_network")}
+    report = "\n\n".join(each for _, each in fits.values())
+    return {name: fields for name, (fields, _) in fits.items()}, f"{report}\n"
 
 
 def _provenance(counts: dict[str, Any], cases: int, photos: int | None, seed: int) -> dict[str, Any]:

@@ -6,14 +6,12 @@ Also fits the distributions of motions, drawn and recorded, and of the network's
 from __future__ import annotations
 
 import json
-import zlib
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
@@ -21,17 +19,18 @@ from unshutter.frames.sequence import estimate_frames
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
-from unshutter.single.candidates import LARGEST, LEAST_GAIN, confidence_figures, figures
+from unshutter.single.candidates import LEAST_GAIN, modes_of
 from unshutter.single.estimator import View
 from unshutter.single.likelihood import STARTS, likelihood_of, segments_of, unusable
 from unshutter.single.methods import SegmentManhattan
 from unshutter.single.network import SegmentNetwork
 from unshutter.single.prior import NORMAL, MotionKind, NetworkErrors, kinds_of
+from unshutter.single.prospects import features
 from unshutter.single.register import method
 from unshutter.single.search import Posterior, bend, displacement, explore
-from unshutter_lab.evaluation.case import Loaded, Record, Trial, in_8_bits
+from unshutter_lab.evaluation.case import Loaded, Record, Trial
 from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
-from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
+from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase, crop_of
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.row_motions import draw_from_trajectory, draw_quadratic
 
@@ -131,10 +130,15 @@ STILL = (
     Suite("still native size", rows=None, still=True),
     Suite("still portrait", still=True, turned=1, orientation=6),
 )
+CROPPED = (
+    Suite("cropped", rows=None, cropped=True, of_pictures=False),
+    Suite("cropped 20 ms", rows=None, cropped=True, readout_s=0.02, of_pictures=False),
+    Suite("cropped 50 ms", rows=None, cropped=True, readout_s=0.05, of_pictures=False),
+    Suite("cropped still", rows=None, cropped=True, still=True),
+)
 WHOLE, CROP, FRAME = "whole", "crop", "frame"  # suites of real photos and of frames from clips
 CROPS = 8  # of each photo
 _ALONE = ("256 px", "still 256 px", WHOLE, CROP)  # suites also searched without the network
-_LONGEST_SIDE = 900  # of a crop [px]
 
 
 @dataclass(frozen=True)
@@ -180,10 +184,10 @@ class SearchCase(Trial):
         estimator = _estimator(self.known)
         posterior, answer = estimator.weigh(view, segments, size)
         record = {"suite": self.suite, "photo": self.photo, "nothing": epe_of_nothing(truth)}
-        record |= {"with_network": _found(posterior, view, truth, answer), "without_network": None}
+        record |= {"with_network": found(posterior, view, truth, answer), "without_network": []}
         if self.suite in _ALONE:
             alone = explore(likelihood_of(view, segments, size, kinds=estimator.kinds), STARTS)
-            record["without_network"] = _found(alone, view, truth, None)
+            record["without_network"] = found(alone, view, truth, None)
         return [{"estimator": name, **record} for name in names]
 
 
@@ -241,25 +245,6 @@ class FrameSearchCase(SearchCase):
         return View(Photo.open(self.clip[self.number])), _frame_motions(self.clip, self.ratio)[self.number]
 
 
-def crop_of(photo: Photo, name: str, number: int) -> Photo:
-    """Returns a crop of a photo as another camera might have seen it, held slightly askew."""
-    rows, columns = photo.height, photo.width
-    pixels = np.broadcast_to(in_8_bits(photo), (rows, columns, 3))
-    rng = np.random.default_rng([zlib.crc32(name.encode()), number])
-    share, roll_deg = rng.uniform(0.55, 0.85), rng.normal(0, 3)
-    height, width = int(rows * share), int(columns * share)
-    scale = min(1, _LONGEST_SIDE / max(height, width))
-    right, down = rng.uniform(-0.3, 0.3, 2)
-    middle = (columns / 2 + right * (columns - width), rows / 2 + down * (rows - height))
-    size = (int(width * scale), int(height * scale))
-    matrix = cv2.getRotationMatrix2D(middle, roll_deg, scale)
-    matrix[:, 2] += np.array(size) / 2 - middle
-    small = cv2.GaussianBlur(pixels, (0, 0), 0.5 / scale) if scale < 1 else pixels
-    crop = cv2.warpAffine(small, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    crop = crop[:, ::-1] if rng.random() < 0.5 else crop
-    return replace(Photo.from_array(np.ascontiguousarray(crop)), orientation=photo.orientation)
-
-
 @cache
 def _frame_motions(clip: tuple[Path, ...], ratio: float) -> list[Motion]:
     return list(estimate_frames(clip, readout_ratio=ratio))
@@ -277,13 +262,12 @@ def _estimator(known: str) -> SegmentManhattan:
     return SegmentManhattan(own, own.weights, NetworkErrors.of(fields["network_errors"]), kinds_of(fields["kinds"]))
 
 
-def _found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | None) -> Record | None:
-    """Returns the figures for odds and confidence, and the error of the motion; None if it would be declined."""
-    if posterior.lines_gain < LEAST_GAIN or displacement(posterior.motion) > LARGEST:
-        return None
-    motion = view.cubic_motion(posterior.motion.reshape(2, 3), DEFAULT_ESTIMATOR)
-    return {
-        "error": motion_error(motion, truth).epe,
-        "figures": {"evidence": posterior.evidence} if answer is None else figures(posterior, answer),
-        "confidence_figures": confidence_figures(posterior, answer, odds=0.0),  # the odds are fitted later
-    }
+def found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | None) -> list[Record]:
+    """Returns the error of each motion that might be undone, and its features; none if all would be declined."""
+    if posterior.lines_gain < LEAST_GAIN:
+        return []
+    records = []
+    for mode in modes_of(posterior):
+        motion = view.cubic_motion(mode.motion.reshape(2, 3), DEFAULT_ESTIMATOR)
+        records.append({"error": motion_error(motion, truth).epe, "features": features(posterior, mode, answer)})
+    return records

@@ -1,255 +1,176 @@
-"""Fits the odds of motion and the confidence to the results of the search; needs scikit-learn.
+"""Fits what is known of motions from experience (unshutter/single/prospects.py) to the results of the search.
 
-A forest of boosted trees, and logistic regressions. They are fitted in one thread, so that sums do not depend on the
-number of threads, and numbers are rounded as in the file.
+Needs scikit-learn. Two forests of boosted trees for each kind of search. They are fitted in one thread, so that sums do
+not depend on the number of threads, and numbers are rounded as in the file.
 """
 
 from __future__ import annotations
 
 import hashlib
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingClassifier
+import pandas as pd
+from sklearn.ensemble import HistGradientBoostingClassifier, HistGradientBoostingRegressor
 from sklearn.linear_model import LogisticRegression
-from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from unshutter.errors import UnshutterError
-from unshutter.single.candidates import CAUTION
+from unshutter.single.prior import Experience
+from unshutter.single.prospects import FAINT_PX, HARM, LOST, Prospect
 from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
 from unshutter_lab.evaluation.case import Record
-from unshutter_lab.evaluation.metrics import is_right
 
-WEIGHT_OF_ORDINARY = 4  # weight of real photos for the forest, because they are few
-MOST_AT_STAKE = 8.0  # px of 256 rows: a case is weighted by the gain or loss of undoing its motion, up to this
+WEIGHT_OF_ORDINARY = 12  # weight of real photos, because they are few
 FOLDS = 4  # for cross-validation over photos
-_STILL_PX = 0.5  # photos with a smaller displacement count as still
-# features of the confidence, from odds.confidence_figures
-RECTIFIED, LEFT = ("apart", "size", "lines_gain", "weight", "odds"), ("odds", "answer", "error")
-RECTIFIED_ALONE, LEFT_ALONE = ("error", "odds"), ("error", "odds")
-_ODDS = (-4.0, 6.0)  # limits within which odds affect the confidence
-_FAINT = 0.05  # px: least weight of a case
+STILL_PX = 0.5  # photos with a smaller displacement count as still
+HARMS = (0.6, 0.9, 1.2, 1.8, 2.4, 4.0)  # of the report's curve
+_TREES = {"max_depth": 6, "max_iter": 100, "learning_rate": 0.12, "min_samples_leaf": 60}
+_TREES_OF_ERROR = {"max_depth": 4, "max_iter": 60, "learning_rate": 0.12, "min_samples_leaf": 60}
+_FIXED: dict[str, Any] = {"early_stopping": False, "random_state": 0}
 
 
 @dataclass(frozen=True)
 class Cases:
-    """Photos with a decision to make."""
+    """Motions that might be undone, several of each photo."""
 
-    suite: np.ndarray
-    photo: np.ndarray
-    error: np.ndarray
-    nothing: np.ndarray
-    figures: dict[str, np.ndarray]
-    confidence_figures: dict[str, np.ndarray]
+    table: pd.DataFrame  # suite, photo, case (number of the picture), error, nothing [px of 256 rows]
+    features: pd.DataFrame  # of prospects.features
 
     @classmethod
     def of(cls, records: list[Record], search: str) -> Cases:
-        """Returns the cases among the records that were not declined."""
-        chosen = [(record, record[search]) for record in records if record[search]]
-        if not chosen:
+        """Returns the cases of the records that were not declined."""
+        about = ("suite", "photo", "nothing")
+        rows = [
+            {**{name: record[name] for name in about}, "case": case, **motion}
+            for case, record in enumerate(records)
+            for motion in record[search]
+        ]
+        if not rows:
             raise UnshutterError("no photo shows right angles: calibrate needs photos of buildings")
-
-        def columns(name: str) -> dict[str, np.ndarray]:
-            return {key: np.array([found[name][key] for _, found in chosen], float) for key in chosen[0][1][name]}
-
-        suite, photo = (np.array([record[name] for record, _ in chosen], str) for name in ("suite", "photo"))
-        error = np.array([found["error"] for _, found in chosen])
-        nothing = np.array([record["nothing"] for record, _ in chosen])
-        cases = cls(suite, photo, error, nothing, columns("figures"), columns("confidence_figures"))
+        table = pd.DataFrame(rows)
+        cases = cls(table.drop(columns="features"), pd.DataFrame(list(table["features"]), dtype=float))
         for fold in range(FOLDS):
             if len(set(cases.helps[cases.folds != fold])) < 2:
+                count = table["photo"].nunique()
                 raise UnshutterError(
-                    f"too few photos to calibrate with: {len(set(photo))} in {len(suite)} cases, all of one kind"
+                    f"too few photos to calibrate with: {count} in {len(records)} cases, all of one kind"
                 )
         return cases
 
     @property
     def helps(self) -> np.ndarray:
         """[N] whether undoing the motion is better than leaving it."""
-        return self.error < self.nothing
+        return (self.table["error"] < self.table["nothing"]).to_numpy()
 
     @property
-    def at_stake(self) -> np.ndarray:
-        """[N] gain or loss from undoing the motion: the weight of each case for the odds."""
-        return np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + _FAINT
+    def still(self) -> np.ndarray:
+        """[N] whether the photo hardly moved."""
+        return (self.table["nothing"] < STILL_PX).to_numpy()
 
     @property
     def weight(self) -> np.ndarray:
-        """[N] weight of each case for the forest."""
-        return self.at_stake * np.where(np.isin(self.suite, (WHOLE, CROP, FRAME)), WEIGHT_OF_ORDINARY, 1)
-
-    @property
-    def share(self) -> np.ndarray:
-        """[N] weight of each case for the confidence: half for photos with motion, half for those without."""
-        still = self.nothing < _STILL_PX
-        return np.where(still, 0.5 / max(still.sum(), 1), 0.5 / max((~still).sum(), 1)) * len(still)
+        """[N] weight of each case: half for photos with motion, half for those without."""
+        each = np.where(self.table["suite"].isin((WHOLE, CROP, FRAME)), WEIGHT_OF_ORDINARY, 1.0)
+        total = {still: max(each[self.still == still].sum(), 1.0) for still in (True, False)}
+        return each * np.where(self.still, 0.5 / total[True], 0.5 / total[False]) * len(each)
 
     @property
     def folds(self) -> np.ndarray:
         """[N] the fold of each photo."""
-        return np.array([hashlib.sha256(name.encode()).digest()[0] % FOLDS for name in self.photo])
-
-    @property
-    def table(self) -> np.ndarray:
-        """[N, figures] features of the odds."""
-        return np.stack(list(self.figures.values()), axis=1)
+        number = {name: hashlib.sha256(name.encode()).digest()[0] % FOLDS for name in set(self.table["photo"])}
+        return self.table["photo"].map(number).to_numpy()
 
 
-@dataclass(frozen=True)
-class Fit:
-    """Odds and confidence for one kind of search."""
-
-    odds: dict[str, Any]  # fields of the forest, or of the regression without the network
-    rectified: dict[str, Any]  # fields of the confidence's regressions
-    left: dict[str, Any]
-    report: str  # their accuracy on photos not used for fitting
-
-
-def fit_with_network(cases: Cases) -> Fit:
-    """Fits a forest for the odds, and the confidence."""
-
-    def fitted(chosen: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
-        forest = _forest(cases, chosen)
-        return forest_fields(forest, tuple(cases.figures)), forest.decision_function(cases.table)
-
-    return _fit(cases, fitted, RECTIFIED, LEFT, "With the network")
-
-
-def fit_without_network(cases: Cases) -> Fit:
-    """Fits a logistic regression for the odds, and the confidence."""
-
-    def fitted(chosen: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
-        fields = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, chosen)
-        return fields, _log_odds(fields, cases.figures)
-
-    return _fit(cases, fitted, RECTIFIED_ALONE, LEFT_ALONE, "Without the network")
-
-
-def _fit(
-    cases: Cases,
-    fitted: Callable[[np.ndarray], tuple[dict[str, Any], np.ndarray]],
-    rectified: tuple[str, ...],
-    left: tuple[str, ...],
-    title: str,
-) -> Fit:
-    """Fits the odds to all cases, and the confidence to the odds of those that a fit had not seen.
-
-    Args:
-        cases: the photos.
-        fitted: chosen cases [N] -> fields of a fit to them, and its odds [N] for all cases.
-        rectified, left: features of the confidence.
-        title: of the report.
-    """
+def fit(cases: Cases, title: str) -> tuple[dict[str, Any], str]:
+    """Fits the forests; returns their fields in the file, and a report on photos that a fit had not seen."""
     with threadpool_limits(1):
-        unseen = np.zeros(len(cases.error))
+        odds, error = np.zeros(len(cases.table)), np.zeros(len(cases.table))
         for fold in range(FOLDS):
             asked = cases.folds == fold
             if asked.any():
-                unseen[asked] = fitted(~asked)[1][asked] - CAUTION
-        odds, _ = fitted(np.ones(len(unseen), bool))
-        of_rectified, of_left, report = _confidence(cases, unseen, rectified, left)
-    return Fit(odds, of_rectified, of_left, f"{title}:\n{_table(cases, unseen)}\n{report}")
+                forests = _forests(cases, ~asked)
+                odds[asked] = forests[0].decision_function(cases.features[asked])
+                error[asked] = np.maximum(np.exp(forests[1].predict(cases.features[asked])) - FAINT_PX, 0)
+        # trees are too sure of photos that they have not seen: their odds are scaled to what such photos show
+        scale = LogisticRegression(C=np.inf).fit(odds[:, None], cases.helps, sample_weight=cases.weight)
+        better = scale.predict_proba(odds[:, None])[:, 1]
+        forests = _forests(cases, np.ones(len(cases.table), bool))
+    names = tuple(cases.features.columns)
+    slope, constant = float(scale.coef_[0, 0]), float(scale.intercept_[0])
+    fields = {"better": forest_fields(forests[0], names, slope, constant), "error": forest_fields(forests[1], names)}
+    Experience.read(fields)  # as it will be read
+    lines = [f"{title}: log odds times {slope:.3f} plus {constant:.3f}"]
+    return fields, "\n".join([*lines, *_curve(cases, better, error), *_reliability(cases, better)])
 
 
-def _forest(cases: Cases, chosen: np.ndarray) -> HistGradientBoostingClassifier:
-    settings: dict[str, Any] = {"max_depth": 3, "max_iter": 200, "learning_rate": 0.05, "min_samples_leaf": 80}
-    trees = HistGradientBoostingClassifier(**settings, early_stopping=False, random_state=0)  # type: ignore[arg-type]
-    return trees.fit(cases.table[chosen], cases.helps[chosen], sample_weight=cases.weight[chosen])
+def _forests(cases: Cases, chosen: np.ndarray) -> tuple[HistGradientBoostingClassifier, HistGradientBoostingRegressor]:
+    """Fits the probability that undoing helps, and the log of the error where it does."""
+    features, weight, helped = cases.features, cases.weight, chosen & cases.helps
+    better = HistGradientBoostingClassifier(**_TREES, **_FIXED)
+    better.fit(features[chosen], cases.helps[chosen], sample_weight=weight[chosen])
+    error = HistGradientBoostingRegressor(**_TREES_OF_ERROR, **_FIXED)
+    error.fit(features[helped], np.log(cases.table["error"][helped] + FAINT_PX), sample_weight=weight[helped])
+    return better, error
 
 
-def forest_fields(trees: HistGradientBoostingClassifier, names: tuple[str, ...]) -> dict[str, Any]:
-    """Returns the fields of a fitted forest, as read by :meth:`Forest.of`."""
+def forest_fields(trees: Any, names: tuple[str, ...], slope: float = 1.0, constant: float = 0.0) -> dict[str, Any]:
+    """Returns the fields of a fitted forest, scaled and shifted, as read by :meth:`Forest.read`."""
     nodes = [tree[0].nodes for tree in trees._predictors]
     most = max(len(each) for each in nodes)
 
-    def column(of: Any) -> list[list[float]]:
-        return [[rounded(x) for x in of(each)] + [0.0] * (most - len(each)) for each in nodes]
+    def column(of: Any, padding: float) -> list[list[float]]:
+        return [[float(f"{x:.6g}") for x in of(each)] + [padding] * (most - len(each)) for each in nodes]
 
-    def whole(of: Any) -> list[list[int]]:
-        return [[int(x) for x in each] for each in column(of)]
+    def whole(of: Any, padding: int) -> list[list[int]]:
+        return [[int(x) for x in each] for each in column(of, padding)]
 
-    leaf, own = (lambda n: n["is_leaf"].astype(bool)), (lambda n: np.arange(len(n)))
+    def leaf(of: Any) -> np.ndarray:
+        return of["is_leaf"].astype(bool)
+
     return {
         "features": list(names),
-        "baseline": rounded(trees._baseline_prediction.ravel()[0]),
+        "baseline": float(f"{slope * float(np.ravel(trees._baseline_prediction)[0]) + constant:.6g}"),
         "depth": max(int(each["depth"].max()) for each in nodes),
-        "feature": whole(lambda n: np.where(leaf(n), 0, n["feature_idx"])),
-        "threshold": column(lambda n: np.where(leaf(n), 0, n["num_threshold"])),
-        "left": whole(lambda n: np.where(leaf(n), own(n), n["left"])),
-        "right": whole(lambda n: np.where(leaf(n), own(n), n["right"])),
-        "value": column(lambda n: np.where(leaf(n), n["value"], 0)),
+        "feature": whole(lambda n: np.where(leaf(n), -1, n["feature_idx"].astype(int)), -1),
+        "right": whole(lambda n: np.where(leaf(n), 0, n["right"]), 0),
+        "number": column(lambda n: np.where(leaf(n), slope * n["value"], n["num_threshold"]), 0.0),
     }
 
 
-def _regression(
-    figures: dict[str, np.ndarray], names: tuple[str, ...], right: np.ndarray, weight: np.ndarray, chosen: np.ndarray
-) -> dict[str, Any]:
-    """Returns the fields of a regression; with the constant alone if all chosen cases agree."""
-    if len(set(right[chosen])) < 2:
-        count, rights = chosen.sum(), right[chosen].sum()
-        constant = rounded(math.log((rights + 0.5) / (count - rights + 0.5)))
-        return {"constant": constant, "slopes": dict.fromkeys(names, 0.0)}
-    columns = np.stack([figures[name] for name in names], axis=1)[chosen]
-    scaler: Any = StandardScaler().fit(columns)
-    fitted: Any = LogisticRegression(max_iter=3000)
-    fitted.fit(scaler.transform(columns), right[chosen], sample_weight=weight[chosen])
-    slopes = fitted.coef_[0] / scaler.scale_
-    constant = rounded(fitted.intercept_[0] - slopes @ scaler.mean_)
-    return {"constant": constant, "slopes": {name: rounded(slope) for name, slope in zip(names, slopes, strict=True)}}
+def _curve(cases: Cases, better: np.ndarray, error: np.ndarray) -> list[str]:
+    """Returns what is decided at several weights of harm: the error afterwards, and the share that comes out worse."""
+    table, size = cases.table, cases.features["own_size"].to_numpy()
+    helps = cases.helps
+    lost = (table["error"] - table["nothing"])[~helps] / size[~helps]
+    lines = [f"of the motion, {np.median(lost):.2f} (median) is lost where undoing it harms ({LOST} is assumed)"]
+    lines.append(f"{'suite':22} {'harm':>5} cases  nothing  decided (mean)  changed  worse by > .5, > 1 px")
+    for harm in HARMS:
+        benefit = [Prospect(p, e, s).weighed(harm) for p, e, s in zip(better, error, size, strict=True)]
+        best = table.assign(benefit=benefit).sort_values("benefit").groupby("case", sort=False).tail(1)
+        after = np.where(best["benefit"] > 0, best["error"], best["nothing"])
+        for suite in np.unique(best["suite"]) if harm == HARM else ():
+            lines.append(_line(suite, harm, best, after, (best["suite"] == suite).to_numpy()))
+        still = (best["nothing"] < STILL_PX).to_numpy()
+        lines += [_line("all still", harm, best, after, still), _line("all moved", harm, best, after, ~still)]
+    return lines
 
 
-def _log_odds(fields: dict[str, Any], figures: dict[str, np.ndarray]) -> np.ndarray:
-    return fields["constant"] + sum(slope * figures[name] for name, slope in fields["slopes"].items())
+def _line(name: str, harm: float, best: pd.DataFrame, after: np.ndarray, of: np.ndarray) -> str:
+    before, left = best["nothing"].to_numpy()[of], after[of]
+    changed, worse = np.mean(best["benefit"][of] > 0), left - before
+    means = f"{before.mean():8.2f} {np.median(left):8.2f} ({left.mean():.2f})"
+    shares = f"{changed:8.0%} {np.mean(worse > 0.5):9.1%} {np.mean(worse > 1):9.1%}"
+    return f"{name:22} {harm:5.1f} {of.sum():5d} {means} {shares}"
 
 
-def _confidence(
-    cases: Cases, odds: np.ndarray, rectified: tuple[str, ...], left: tuple[str, ...]
-) -> tuple[dict[str, Any], dict[str, Any], str]:
-    """Returns the regressions, and a report of the share of correct answers on photos not used for fitting."""
-    figures = cases.confidence_figures | {"odds": np.clip(odds, *_ODDS)}
-    right = is_right(np.where(odds > 0, cases.error, cases.nothing), cases.nothing)
-    stated, fits = np.zeros(len(odds)), []
-    for names, of in ((rectified, odds > 0), (left, odds <= 0)):
-        for fold in range(FOLDS):
-            asked = of & (cases.folds == fold)
-            fitted = _regression(figures, names, right, cases.share, of & (cases.folds != fold))
-            stated[asked] = 1 / (1 + np.exp(-_log_odds(fitted, figures)[asked]))
-        fits.append(_regression(figures, names, right, cases.share, of))
-    return fits[0], fits[1], "\n".join(_reliability(cases, stated, right))
-
-
-def _reliability(cases: Cases, stated: np.ndarray, right: np.ndarray) -> list[str]:
-    """Returns one line per tenth of the confidence and per suite: stated confidence and share of correct answers."""
-    tenths = (stated * 10).astype(int)
-    groups = [(f"confidence .{low}", tenths == low, cases.share) for low in range(10)]
-    groups += [(suite, cases.suite == suite, np.ones(len(stated))) for suite in np.unique(cases.suite)]
+def _reliability(cases: Cases, better: np.ndarray) -> list[str]:
+    """Returns one line per tenth of the probability: as stated, and the share of motions that helped."""
+    tenths, weight = np.minimum((better * 10).astype(int), 9), cases.weight
     return [
-        f"{name:22} {of.sum():5d} cases: confidence {np.average(stated[of], weights=weight[of]):.2f}, "
-        f"right {np.average(right[of], weights=weight[of]):.2f}"
-        for name, of, weight in groups
-        if of.any()
+        f"stated .{tenth}: {of.sum():5d} motions, {np.average(better[of], weights=weight[of]):.2f} stated, "
+        f"{np.average(cases.helps[of], weights=weight[of]):.2f} helped"
+        for tenth in range(10)
+        if (of := tenths == tenth).any()
     ]
-
-
-def _table(cases: Cases, odds: np.ndarray) -> str:
-    """Returns one line per suite: error under the odds' decisions, and the share of better and worse results."""
-    left = np.where(odds > 0, cases.error, cases.nothing)
-    lines = [f"{'suite':22} cases  median  (all undone, nothing)  better  worse by > 1 px, > 3 px"]
-    for suite in np.unique(cases.suite):
-        of = cases.suite == suite
-        worse = (left - cases.nothing)[of]
-        medians = [np.median(x[of]) for x in (left, cases.error, cases.nothing)]
-        lines.append(
-            f"{suite:22} {of.sum():5d} {medians[0]:7.2f}  ({medians[1]:.2f}, {medians[2]:.2f})"
-            f"  {np.mean(worse < 0):9.0%} {np.mean(worse > 1):9.1%} {np.mean(worse > 3):9.1%}"
-        )
-    return "\n".join(lines)
-
-
-def rounded(number: float) -> float:
-    """Rounds to six digits, as in the file."""
-    return float(f"{number:.6g}")

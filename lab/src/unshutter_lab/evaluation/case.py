@@ -24,7 +24,7 @@ from unshutter.photo import Photo
 from unshutter.single.candidates import LEAST_GAIN
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.likelihood import likelihood_of, segments_of
-from unshutter.single.methods import find_motion
+from unshutter.single.methods import find_candidates
 from unshutter.single.prior import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.single.search import descend
 from unshutter_lab.evaluation.metrics import psnr, ssim
@@ -81,7 +81,8 @@ class Answer:
     """An estimator's answer."""
 
     motion: Motion  # with the first row as the reference; zero if the estimator failed
-    declined: str = ""  # why the estimator returned no motion, in its own words; otherwise empty
+    others: tuple[Motion, ...] = ()  # the other candidates
+    declined: str = ""  # why the estimator could say nothing, in its own words; otherwise empty
     failed: str = ""  # the error that it raised; otherwise empty
 
     def figures(self) -> Record:
@@ -109,11 +110,11 @@ class Answer:
 def ask(estimator: Estimator, view: View) -> Answer:
     """Runs an estimator on a photo. An exception becomes part of the answer."""
     try:
-        motion = find_motion(estimator, view).rereferenced("first")
+        motion, *others = (each.motion.rereferenced("first") for each in find_candidates(estimator, view))
     except Exception as error:  # whatever it is, the other estimators must still be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)
-    return Answer(motion, declined=str(motion.reason or ""))
+    return Answer(motion, tuple(others), declined=str(motion.reason or "") if motion.confidence is None else "")
 
 
 def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:

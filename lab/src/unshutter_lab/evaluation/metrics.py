@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 UNIT_ROWS = 256  # errors are in px of a picture with this many rows
-RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # EPE of a correct answer: px of UNIT_ROWS, or share of the EPE without correction
 
 # SSIM as in Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 13(4), 2004: Gaussian window, K1, K2
 _SSIM_SIGMA = 1.5
@@ -67,9 +66,15 @@ def epe_of_nothing(truth: Motion) -> float:
     return motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
 
 
-def is_right(epe: np.ndarray, epe_nothing: np.ndarray) -> np.ndarray:
-    """[N] whether answers are correct in the sense of the confidence: EPE below 1 px or a tenth of the displacement."""
-    return epe < np.maximum(RIGHT_PX, RIGHT_SHARE * epe_nothing)
+def is_right(epe: np.ndarray, epe_nothing: np.ndarray, epe_best: np.ndarray) -> np.ndarray:
+    """[N] whether answers are correct in the sense of the confidence: closer to the truth than the photo.
+
+    For a photo that is left unchanged: whether no candidate would have been closer.
+
+    Args:
+        epe, epe_nothing, epe_best: of the answer, of the unchanged photo, and of the best candidate.
+    """
+    return np.where(epe == epe_nothing, epe_best >= epe_nothing, epe < epe_nothing)
 
 
 def psnr(

@@ -56,11 +56,11 @@ class Judged:
     @classmethod
     def of(cls, records: Any) -> Judged:
         """Collects the records of one estimator (pandas.DataFrame) with equal weights."""
-        known = records.reindex(columns=["epe", "epe_nothing", "confidence", "kind", "left_alone"])
+        known = records.reindex(columns=["epe", "epe_nothing", "epe_best", "confidence", "kind", "left_alone"])
         kind = known["kind"].astype(object).fillna("")
         pictures = {
             "epe": known["epe"],
-            "right": is_right(known["epe"], known["epe_nothing"]),
+            "right": is_right(known["epe"], known["epe_nothing"], known["epe_best"]),
             "trust": known["confidence"].astype(float).fillna(_DECLINED),
             "kind": kind.mask((kind != "") & (known["left_alone"] != ""), LEFT),
             "weight": 1.0,

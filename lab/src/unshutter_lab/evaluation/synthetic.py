@@ -6,10 +6,12 @@ The motions of a photo depend only on the seed and the photo's own bytes, as in 
 from __future__ import annotations
 
 import hashlib
+import zlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from unshutter.motion import Motion, RowMotion
@@ -37,6 +39,7 @@ from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_from_trajector
 
 _CANVAS = 356 / 256  # ratio of canvas rows to kept rows, as in the predecessor's generator
 _READOUT_S = 0.03  # of drawn motions with an exposure: typical of phones
+_LONGEST_SIDE = 900  # of a crop [px]
 _FOCAL = 1.0  # of recorded motions: focal length in picture sides (53 degrees across)
 
 
@@ -51,6 +54,7 @@ class Suite:
     disturbance: Disturbance | None = None  # of the rolling-shutter picture
     turned: int = 0  # counter-clockwise quarter turns of the scene before the motion is applied
     orientation: int = 1  # EXIF orientation of the picture
+    cropped: bool = False  # of a crop of the photo, off its centre and askew (:func:`crop_of`)
     of_pictures: bool = True  # whether PSNR and SSIM are computed
     # exposure time of each row [s], which blurs it by the motion; estimators are given the exposure and a readout of
     # 30 ms; None for sharp rows, with neither given
@@ -104,7 +108,9 @@ class SyntheticCase(Case):
         for name in names:
             answer = ask(loaded(name), exam.view)
             error = vars(motion_error(answer.motion, exam.truth))
-            record = {**self.place, "estimator": name, **error, "epe_nothing": nothing, **answer.figures()}
+            best = min([nothing, error["epe"], *(motion_error(each, exam.truth).epe for each in answer.others)])
+            record = {**self.place, "estimator": name, **error, "epe_nothing": nothing, "epe_best": best}
+            record |= answer.figures()
             if oracle:
                 picture, mask = rectified(exam.photo, answer.motion)
                 pictures = {"": picture, "input": in_8_bits(exam.photo), "oracle": oracle[0]}
@@ -124,7 +130,7 @@ class SyntheticCase(Case):
 
     def exam(self) -> Exam:
         """Returns the picture, synthesised again at every call."""
-        pixels, digest, focal, known = _photo(self.path)
+        pixels, digest, focal, known = _photo(self.path, self.seed if self.suite.cropped else None)
         shown_px = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo across the picture
         pixels = np.ascontiguousarray(np.rot90(pixels, self.suite.turned))
         sequence = np.random.SeedSequence([self.seed, digest], spawn_key=(self.draw,))
@@ -169,17 +175,37 @@ class SyntheticCase(Case):
         return draw_from_trajectory(rng, log, self.suite.readout_s, _FOCAL * rows, rows, canvas)
 
 
-def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
-    """Returns uint8 [H, W, 3] of a photo, digest of its file, focal length [px], and whether EXIF gives it.
+def _photo(path: Path, crop: int | None = None) -> tuple[np.ndarray, int, float, bool]:
+    """Returns uint8 [H, W, 3] of a photo or one of its crops, its digest, focal length [px], and whether EXIF gives it.
 
     Estimators are given the focal length that they would assume for the whole photo (EXIF's, or else the usual guess
     from its size), because a crop from the centre does not reveal it.
     """
     photo = Photo.open(path)
+    photo = photo if crop is None else crop_of(photo, path.name, crop)
     pixels = in_8_bits(photo)
     digest = int(hashlib.sha256(path.read_bytes()).hexdigest(), 16)
     view = View(photo)
     return np.broadcast_to(pixels, (*pixels.shape[:2], 3)), digest, view.focal_px(), view.known_focal_px() is not None
+
+
+def crop_of(photo: Photo, name: str, number: int) -> Photo:
+    """Returns a crop of a photo as another camera might have seen it, held slightly askew."""
+    rows, columns = photo.height, photo.width
+    pixels = np.broadcast_to(in_8_bits(photo), (rows, columns, 3))
+    rng = np.random.default_rng([zlib.crc32(name.encode()), number])
+    share, roll_deg = rng.uniform(0.55, 0.85), rng.normal(0, 3)
+    height, width = int(rows * share), int(columns * share)
+    scale = min(1, _LONGEST_SIDE / max(height, width))
+    right, down = rng.uniform(-0.3, 0.3, 2)
+    middle = (columns / 2 + right * (columns - width), rows / 2 + down * (rows - height))
+    size = (int(width * scale), int(height * scale))
+    matrix = cv2.getRotationMatrix2D(middle, roll_deg, scale)
+    matrix[:, 2] += np.array(size) / 2 - middle
+    small = cv2.GaussianBlur(pixels, (0, 0), 0.5 / scale) if scale < 1 else pixels
+    crop = cv2.warpAffine(small, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    crop = crop[:, ::-1] if rng.random() < 0.5 else crop
+    return replace(Photo.from_array(np.ascontiguousarray(crop)), orientation=photo.orientation)
 
 
 @lru_cache(maxsize=16)

@@ -6,7 +6,7 @@ import { words } from "./words.js";
 const NOT_LIKELY = ["no-rolling-shutter", "asked-for-nothing", "strength-0"]; // nothing is left to try
 
 export class Advice {
-  // node: where to; on: {moving, anyway, neighbour, ratio, byHand, leaveNeighbours, drawn} called when the user takes an offer.
+  // node: where to; on: {moving(which way), anyway, neighbour, ratio, byHand, leaveNeighbours, drawn} called when the user takes an offer.
   constructor(node, on) {
     this.node = node;
     this.on = on;
@@ -38,8 +38,10 @@ export class Advice {
     if (result.changed || photo.byHand || options.strength === "0" || "candidate" in options) return lines;
     lines.push(make("p", {}, words.declined(words.why(result))));
     if (NOT_LIKELY.includes(result.code)) return lines;
+    const ways = ["left", "right", "yes"].filter((way) => way !== options.moving);
+    lines.push(make("div", { class: "row" }, make("span", {}, words.adviceWay),
+      ...ways.map((way) => make("button", { type: "button", id: `advice-${way}`, onclick: () => this.on.moving(way) }, words.ways[way]))));
     const offers = [];
-    if (options.moving !== "true") offers.push(this.#offer("adviceMoving", this.on.moving));
     if (result.cause === "not sure" && options["min-confidence"] !== "0") offers.push(this.#offer("adviceAnyway", this.on.anyway));
     if (!Object.keys(photo.neighbours).length) offers.push(this.#offer("adviceNeighbour", this.on.neighbour));
     offers.push(this.#offer("adviceByHand", this.on.byHand));

@@ -18,7 +18,7 @@ export class Candidates extends PictureRow {
       .filter(({ kind, largest_px: px }) => kind === "still" || px >= LEAST_PX);
     const still = (one) => (one.kind === "still" ? 0 : 1);
     const listed = numbered.length > 1 ? numbered.sort((one, other) => still(one) - still(other)) : [];
-    const likeliest = photo.options?.moving === "true" ? null : Math.max(...listed.map(({ probability }) => probability ?? 0));
+    const likeliest = photo.options?.moving ? null : Math.max(...listed.map(({ probability }) => probability ?? 0));
     this.#numbers = listed.map(({ number }) => number);
     super.show(photo, listed.map((candidate) => {
       const [name, figures] = [words.candidate(candidate), words.candidateFigures(candidate, likeliest)];

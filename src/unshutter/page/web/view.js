@@ -54,7 +54,7 @@ export class View {
       toAll: on.toAll,
     });
     this.advice = new Advice(by("advice"), {
-      moving: () => this.#change("moving", "true"),
+      moving: (way) => this.#change("moving", way),
       anyway: () => this.#change("min-confidence", "0"),
       neighbour: () => this.controls.neighbours.open(),
       ratio: () => this.controls.neighbours.askRatio(),

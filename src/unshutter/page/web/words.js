@@ -66,7 +66,7 @@ export const words = {
   sure: { sure: "sure", likely: "likely", unsure: "unsure" },
   sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
   unsureHelp: "How far things really moved is uncertain. If “after” looks wrong, take another of the small pictures, or straighten the photo by hand.",
-  confidence: (sure) => `Confidence ${percent(sure)}`,
+  confidence: (sure) => `The result is closer to the truth than the photo with a probability of ${percent(sure)}`,
   alone: "left unchanged",
 
   clipState: { finding: "looking at the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
@@ -93,7 +93,8 @@ export const words = {
 
   // a photo that was left unchanged, and what may help
   declined: (reason) => `Left unchanged: ${reason}.`,
-  adviceMoving: "Was the camera moving? Try",
+  adviceWay: "Which way did the camera move?",
+  ways: { left: "← to the left", right: "to the right →", yes: "It moved somehow" },
   adviceAnyway: "Straighten it even if unsure",
   adviceNeighbour: "Add the frame before or after…",
   adviceByHand: "By hand…",
@@ -114,7 +115,7 @@ export const words = {
     return [px < LEAST_PX ? "" : pixels(px), chance].filter(Boolean).join(" · ");
   },
   candidateHelp: ({ probability: share }) => "How far places would move"
-    + (share === null ? "" : `. The chance that this is what happened is ${probability(share)}; how exact it is, is another question`),
+    + (share === null ? "" : `. The probability that this helps is ${probability(share)}`),
   candidateLabel: (name, figures) => `Take it: ${name}${figures ? ` (${figures})` : ""}`,
 
   // by hand
@@ -163,6 +164,7 @@ export const words = {
     fps: "Frames per second", codec: "Encoder", crf: "Quality (smaller is better)", preset: "Speed of the encoder",
   },
   choices: {
+    moving: { "": "not known", yes: "yes", left: "to the left", right: "to the right", up: "upwards", down: "downwards" },
     edges: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
     format: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
     model: { "": "as the frames show", camera: "alike: only the camera turned", dense: "differently" },
@@ -170,7 +172,7 @@ export const words = {
     "clip-edges": { fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
   },
   help: {
-    moving: "In a train, on a car, on a drone: motion is likely.",
+    moving: "In a train, on a car, on a drone: motion is likely. The way it went decides between candidates.",
     strength: "How much of the motion to undo: 100 % is all of it",
     edges: "Places that the photo did not see. Automatic: cut off where at least 80 % of the photo is left",
     format: "Of the file that is saved",

@@ -1,0 +1,119 @@
+"""What undoing a motion would do to a photo: how probably it helps, and what error remains.
+
+The errors of segments on one desk or facade are correlated, so the evidence of the likelihood is overstated: the
+location of the optimum is more reliable than its existence. What such evidence is worth was therefore learned from
+photos with known motions and without motion, whole and cropped (docs/research/own-model-calibration.md): one forest of
+small decision trees gives the probability that the result is closer to the truth than the photo is, another the error
+that remains if it is. Both read the figures of the search and of the motion in question.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from unshutter.single.prior import shipped
+from unshutter.single.search import PX, bend, displacement
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.single.search import Posterior
+
+HARM = 1.2  # a pixel lost counts as this many gained (docs/research/own-model-calibration.md shows other values)
+LOST = 0.83  # of a motion: what undoing it costs where it harms (median of the calibration)
+MOVING = math.log(4)  # added to the log odds if the camera is known to have moved: four photos in five then did
+FAINT_PX = 0.1  # of 256 rows: added to errors before their logarithm is taken
+_MOST = 50.0  # log odds
+
+
+@dataclass(frozen=True)
+class Option:
+    """A motion that might be undone."""
+
+    motion: np.ndarray  # [6] coefficients
+    error: float  # expected displacement if it is of the right kind [rows]
+    share: float  # its posterior probability, given that the camera moved
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What undoing a motion would do."""
+
+    better: float  # probability that the result is closer to the truth than the photo
+    error: float  # expected mean displacement that remains if it is [rows]
+    size: float  # mean displacement by the motion [rows]
+
+    @property
+    def benefit(self) -> float:
+        """Expected gain [rows], with losses weighed by :data:`HARM`; a motion is worth undoing if this is positive."""
+        return self.weighed(HARM)
+
+    def weighed(self, harm: float) -> float:
+        """Returns the expected gain with another weight of losses, in the unit of error and size."""
+        return self.better * max(self.size - self.error, 0.0) - harm * (1 - self.better) * LOST * self.size
+
+
+def prospect(
+    posterior: Posterior, option: Option, opinion: np.ndarray | None, roll_known: bool = False, shift: float = 0.0
+) -> Prospect:
+    """Returns what undoing a motion would do, if half of all photos moved.
+
+    Args:
+        opinion: [6] the network's estimate; None if it was not asked.
+        roll_known: whether the camera's roll is known and so cannot be mistaken for shear.
+        shift: added to the log odds, for photos of which more or fewer moved.
+    """
+    size = displacement(option.motion)
+    known = shipped().without_network if opinion is None else shipped().with_network
+    asked = features(posterior, option, opinion)
+    error = max(math.exp(known.error.of(asked)) - FAINT_PX, 0.0) / PX
+    if roll_known:  # fitted to 137 photos with known attitudes, moved and still
+        better = _probability(0.147 * max(posterior.evidence_of.values()) - 0.742 + shift) * option.share
+    else:
+        better = _probability(known.better.of(asked) + shift)
+    return Prospect(better, error, size)
+
+
+def features(posterior: Posterior, option: Option, opinion: np.ndarray | None) -> dict[str, float]:
+    """Returns what the forests read; displacements in px of 256 rows, angles in degrees."""
+    found = {
+        "evidence": posterior.evidence,
+        "lines_gain": posterior.lines_gain,
+        "gain_at_rest": posterior.gain_at_rest,
+        "weight": posterior.weight,
+        "error": PX * posterior.expected_error,
+        "size": PX * posterior.size,
+        "bend": PX * bend(posterior.motion),
+        "breadth": posterior.breadth,
+        "against": posterior.against,
+        "in_favour": posterior.in_favour,
+        "roll": abs(math.degrees(posterior.pose.roll)),
+        "roll_at_rest": abs(math.degrees(posterior.pose_at_rest.roll)),
+        "tilt": math.degrees(posterior.pose.tilt),
+        "tilt_at_rest": math.degrees(posterior.pose_at_rest.tilt),
+        "focal": posterior.pose.log_focal,
+        "focal_at_rest": posterior.pose_at_rest.log_focal,
+        **{f"evidence for {kind}": evidence for kind, evidence in posterior.evidence_of.items()},
+        **{f"share of {kind}": share for kind, share in posterior.kinds.items()},
+        "own_size": PX * displacement(option.motion),
+        "own_bend": PX * bend(option.motion),
+        "own_share": option.share,
+        "own_error": PX * option.error,
+        "to_mean": PX * displacement(option.motion - posterior.motion),
+        "shear": PX * abs(float(option.motion[:3].sum())),
+        "turn": math.degrees(abs(float(option.motion[3:].sum()))),
+    }
+    if opinion is None:
+        return found
+    return found | {
+        "answer_bend": PX * bend(opinion),
+        "answer_size": PX * displacement(opinion),
+        "disagreement": PX * displacement(opinion - posterior.motion),
+        "to_answer": PX * displacement(option.motion - opinion),
+    }
+
+
+def _probability(log_odds: float) -> float:
+    return 1 / (1 + math.exp(-min(max(log_odds, -_MOST), _MOST)))
