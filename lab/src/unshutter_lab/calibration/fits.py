@@ -80,7 +80,7 @@ class Cases:
     def folds(self) -> np.ndarray:
         """[N] the fold of each photo."""
         number = {name: hashlib.sha256(name.encode()).digest()[0] % FOLDS for name in set(self.table["photo"])}
-        return self.table["photo"].map(number).to_numpy()
+        return np.array([number[name] for name in self.table["photo"]])
 
 
 def fit(cases: Cases, title: str) -> tuple[dict[str, Any], str]:
