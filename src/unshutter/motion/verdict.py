@@ -154,7 +154,7 @@ class Verdict:
 
     @property
     def sentence(self) -> str:
-        """Why the photo is left unchanged, e.g. ``not sure: confidence 0.01``; empty if the motion is undone."""
+        """Why the photo is left unchanged, e.g. ``only 3 straight segments found``; empty if the motion is undone."""
         if self.reason is None:
             return ""
         return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")

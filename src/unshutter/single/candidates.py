@@ -121,7 +121,10 @@ def candidates_of(
     order = sorted(range(len(modes)), key=lambda k: (k != best, -prospects[k].better))
     moving = tuple(_candidate(modes[k], prospects[k], posterior, view, estimator) for k in order)
     at_rest = 1 - max((each.better for each in prospects), default=0.0)
-    reason = _reason_against(posterior)
+    reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
+    if reason is None and displacement(posterior.motion) > LARGEST:
+        mean = prospect(posterior, _mean(posterior), opinion, roll_known, shift)
+        reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > _PROBABLY else None
     if reason is not None and not camera.at_any_odds:
         return (_still(view, estimator, reason, None), *moving)
     if best is None or not _is_undone(prospects[best], camera.least_confidence):
@@ -155,12 +158,15 @@ def modes_of(posterior: Posterior) -> list[Mode]:
     for k in np.argsort(-optima.share, kind="stable"):
         home = next((group for group in groups if _alike(optima.motions[group[0]], optima.motions[k])), None)
         groups.append([int(k)]) if home is None else home.append(int(k))
-    modes = [_mode(optima, group, names) for group in groups]
-    kind = max(names, key=posterior.kinds.__getitem__)
-    mean = Mode(posterior.motion, posterior.expected_error, 1.0, kind)
+    modes, mean = [_mode(optima, group, names) for group in groups], _mean(posterior)
     others = [mode for mode in modes if mode.share >= _LEAST_SHARE and not _alike(mode.motion, mean.motion)]
     possible = [mode for mode in (mean, *others) if displacement(mode.motion) <= LARGEST]
     return sorted(possible, key=lambda mode: -mode.share)[: _MOST_MODES + 1]
+
+
+def _mean(posterior: Posterior) -> Mode:
+    kind = cast(KindOfMotion, max(posterior.kinds, key=posterior.kinds.__getitem__))
+    return Mode(posterior.motion, posterior.expected_error, 1.0, kind)
 
 
 def _mode(optima: Optima, group: list[int], names: list[KindOfMotion]) -> Mode:
@@ -194,13 +200,6 @@ def _reason_to_leave(better: float, largest_px: float) -> Reason:
     if better > _HARDLY:
         return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=1 - better)
     return Reason(Code.NO_VISIBLE_MOTION)
-
-
-def _reason_against(posterior: Posterior) -> Reason | None:
-    """Returns why the posterior says nothing about motion, or None if it does."""
-    if posterior.lines_gain < LEAST_GAIN:
-        return Reason(Code.NO_RIGHT_ANGLES)
-    return Reason(Code.TOO_FAST_FOR_HANDS) if displacement(posterior.motion) > LARGEST else None
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
