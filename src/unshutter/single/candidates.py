@@ -91,6 +91,7 @@ _MOST_MODES = 3
 _LEAST_SHARE = 0.05  # least share of a mode worth showing
 _ALIKE = 1.5 / 256  # rows: motions closer than this,
 _ALIKE_SHARE = 0.15  # or than this share of their size, look the same
+_CLEARLY = 1.5  # times the mean's benefit, from which a mode is preferred: which of two alike is better, few lines decide
 _PROBABLY = 0.5  # probability that a motion helps, from which a photo that is left alone counts as unsure
 _HARDLY = 0.2  # below this, nothing visible moved
 
@@ -117,6 +118,8 @@ def candidates_of(
     modes = modes_of(posterior)
     prospects = [prospect(posterior, mode, opinion, roll_known, shift) for mode in modes]
     weighed = [each.better if camera.at_any_odds else each.benefit for each in prospects]
+    if weighed and weighed[0] > 0:  # of the mean
+        weighed[0] *= _CLEARLY
     best = max(range(len(modes)), key=weighed.__getitem__, default=None)
     order = sorted(range(len(modes)), key=lambda k: (k != best, -prospects[k].better))
     moving = tuple(_candidate(modes[k], prospects[k], posterior, view, estimator) for k in order)
