@@ -91,7 +91,7 @@ _MOST_MODES = 3
 _LEAST_SHARE = 0.05  # least share of a mode worth showing
 _ALIKE = 1.5 / 256  # rows: motions closer than this,
 _ALIKE_SHARE = 0.15  # or than this share of their size, look the same
-_CLEARLY = 1.5  # times the mean's benefit, from which a mode is preferred: which of two alike is better, few lines decide
+_CLEARLY = 1.5  # times the mean's benefit, from which a mode is preferred: a few lines decide between two alike
 _PROBABLY = 0.5  # probability that a motion helps, from which a photo that is left alone counts as unsure
 _HARDLY = 0.2  # below this, nothing visible moved
 
