@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from unshutter.single.search import Posterior
 
-HARM = 1.2  # a pixel lost counts as this many gained (docs/research/own-model-calibration.md shows other values)
+HARM = 1.0  # a pixel lost counts as this many gained (docs/research/own-model-calibration.md shows other values)
 LOST = 0.83  # of a motion: what undoing it costs where it harms (median of the calibration)
 MOVING = math.log(4)  # added to the log odds if the camera is known to have moved: four photos in five then did
 FAINT_PX = 0.1  # of 256 rows: added to errors before their logarithm is taken
