@@ -166,7 +166,7 @@ class Undo:
         None,
         "Least probability that the result is better than the photo, 0 to 1; below it, the photo is left unchanged. "
         "0 undoes the likeliest motion, however unsure. A motion that you supply is undone whatever its confidence. "
-        "Default: the gain that can be expected must outweigh the harm, which takes about 0.6.",
+        "Default: the gain that can be expected must outweigh the harm, which takes 0.5 to 0.6.",
         limits=(0, 1),
     )
 
