@@ -131,3 +131,15 @@ def test_digests_are_only_made_for_manifests(motion: Path, tmp_path: Path, monke
     assert made == []
     assert rectify(tmp_path / "in", "-o", tmp_path / "out", "--motion", motion) == 0
     assert made == [tmp_path / "out" / "a.rectified.jpg"]
+
+
+def test_what_another_run_begins_meanwhile_is_not_taken_for_somebody_elses(job: Job) -> None:
+    """As a dry run sees it, beside a run that is at work."""
+    one, other = (replace(job, target=job.target.with_name(name)) for name in ("b.jpg", "c.jpg"))
+    done(opened(job), job)
+    looking = known(job)
+    assert not any(looking.has_begun(each) for each in (job, one, other))
+    for each in (one, other):
+        done(opened(job), each)
+    assert looking.has_begun(one) and looking.has_begun(other)
+    assert not looking.has_begun(job)  # known from the beginning, so what is in its place is in the way

@@ -35,7 +35,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     with closing(manifest) if manifest is not None else nullcontext():
         if manifest is not None:
             plan.sort(manifest)
-        return _carried_out(plan, manifest) if not run.dry_run else _dry_run(plan)
+        return _carried_out(plan, manifest) if not run.dry_run else _dry_run(plan, manifest)
 
 
 def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
@@ -72,7 +72,7 @@ def _workers_for(run: Run) -> AbstractContextManager[Workers]:
     return processes(1, run.timeout, all_processors=True)  # this process could not stop a decoder that hangs in it
 
 
-def _dry_run(plan: Plan) -> int:
+def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
     inputs = plan.inputs
     refused = [reason for _, reason in plan.refused]
     refused += [f"cannot read folder {folder}: {reason}" for folder, reason in inputs.unreadable]
@@ -81,10 +81,11 @@ def _dry_run(plan: Plan) -> int:
         try:
             check_outputs(job, plan.files, new_folders=True)
         except UnshutterError as error:
-            refused.append(f"{job.source}: {error}")
-        else:
-            count += 1
-            print(visible(f"{job.source} -> {job.target}"))
+            if manifest is None or not manifest.has_begun(job):  # by another run, since this one looked
+                refused.append(f"{job.source}: {error}")
+                continue
+        count += 1
+        print(visible(f"{job.source} -> {job.target}"))
     for reason in refused:
         print(visible(f"unshutter: {reason}"), file=sys.stderr)
     if inputs.passed_over:

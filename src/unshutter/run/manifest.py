@@ -91,6 +91,7 @@ class Manifest:
         except UnshutterError:
             self._journal.close()
             raise
+        self._known = frozenset(self._entries)  # when it was opened
 
     @cached_property
     def _options(self) -> str:
@@ -132,6 +133,13 @@ class Manifest:
             for target, key, found in zip(job.outputs, keys, now, strict=True)
         )
         return "finished" if entry["state"] == "done" and same and is_whole else "open", known
+
+    def has_begun(self, job: Job) -> bool:
+        """Whether another run has begun work on a result since this manifest was opened."""
+        key = self._key(job.target)
+        if key not in self._known and key not in self._entries:
+            self._read()
+        return key not in self._known and key in self._entries
 
     def _read(self) -> None:
         for line in self._journal.read().splitlines():

@@ -165,7 +165,7 @@ def _timed(place: int | None, timeout_s: float, fn: Callable[..., Any], *args: A
 @contextmanager
 def _quiet_loggers() -> Iterator[None]:
     """Keeps Dask from printing tracebacks when its scheduler shuts down, which unshutter reports itself."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "tornado.application")]
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
