@@ -43,6 +43,7 @@ SKIPPED = {
     "ffmpeg ": "is another program",
     "oiiotool ": "is another program",
     "colmap ": "is another program",
+    "docker ": "is another program",
     "dask ": "starts a cluster: tests/run/test_cluster.py does",
     "unshutter serve": "runs until it is stopped: tests/page does",
     "unshutter rectify s3://": "needs a store: tests/run/test_urls.py uses one in memory",

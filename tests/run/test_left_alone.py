@@ -54,6 +54,22 @@ def test_what_to_do_next_ends_the_summary(folder: Path, capsys: pytest.CaptureFi
         assert last == next_step if steps else last.startswith(str(folder / name))
 
 
+def test_a_set_for_photogrammetry_of_which_only_a_part_changed_is_warned_of(folder: Path, capsys) -> None:
+    warning = "only 1 of 4 changed; a mixed set confuses the calibration"
+    for number, (words, warned) in enumerate(
+        (
+            (["--keep-names"], True),
+            (["--masks", folder.parent / "masks"], True),
+            (["--keep-names", "--only-changed"], False),
+            ([], False),
+        )
+    ):
+        assert found(folder, "-o", folder.parent / f"out {number}", *words) == 0
+        assert (warning in capsys.readouterr().err) is warned, words
+    assert found(folder, "-o", folder.parent / "all", "--keep-names", "--min-confidence", 0, "--strength", 0) == 0
+    assert "mixed set" not in capsys.readouterr().err  # none changed
+
+
 def test_a_line_says_one_thing_unless_more_is_wanted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = (folder, "-o", folder.parent / "out", "--overwrite")
     for more, text in (([], "likely)"), (["-v"], "likely; cropped to 84 %)")):

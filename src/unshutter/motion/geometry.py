@@ -322,7 +322,7 @@ class RowMotion(Motion, kind="rows"):
             raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
 
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """Returns the angular rate [H] [rad per row] and velocity [H, 2] [px per row] at the picture's centre.
+        """Returns the angular rate [H], in rad per row, and velocity [H, 2], in px per row, at the picture's centre.
 
         Let F(x, v) be the GS position of RS column x, row v. The slope of F along a row gives the angle of the picture
         at that moment. Its slope across rows, rotated into the RS picture, differs from one row by the distance that

@@ -307,7 +307,7 @@ class RotationMotion(Motion, kind="rotations"):
             raise UnshutterError("the motion turns part of the picture behind the camera")
 
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """Returns the angular rate [H] [rad per row] and velocity [H, 2] [px per row] at the picture's centre.
+        """Returns the angular rate [H], in rad per row, and velocity [H, 2], in px per row, at the picture's centre.
 
         The central ray (0, 0, 1) moves by the rates (w_x, w_y, w_z) x (0, 0, 1).
         """

@@ -91,6 +91,12 @@ class Plan:
     files: RunFiles = field(default_factory=RunFiles)  # the files that are read and written
     home: Place | None = None  # folder of the manifest; None if no later run will look for the results
 
+    @property
+    def makes_a_set(self) -> bool:
+        """Whether the results seem meant for photogrammetry: with masks or the photos' names, and all of them."""
+        save = self.request.save
+        return not save.only_changed and (save.keep_names or any(job.mask_target for job in self.to_do))
+
     def sort(self, manifest: Manifest) -> None:
         """Sorts the jobs to do by the state of their results in the manifest."""
         jobs, self.to_do, overwrite = self.to_do, [], self.run.overwrite

@@ -148,6 +148,9 @@ class Report:
                 causes = ", ".join(f"{count} {cause}" for cause, count in self._left.most_common())
                 line = f"{self._changed} changed, {self._left.total()} left unchanged"
                 self.tell(f"unshutter: {line} ({causes})" if causes else f"unshutter: {line}")
+            if self._changed and self._left and self._plan.makes_a_set:
+                mixed = f"only {self._changed} of {done} changed; a mixed set confuses the calibration"
+                self.tell(f"unshutter: {mixed}: use the originals, or leave out the others with --only-changed")
         if self._next_steps:
             self.tell(f"unshutter: next, for what was left unchanged: {'; '.join(self._next_steps)}")
         return exit_code(self.counts["failed"], self.total)
