@@ -106,3 +106,23 @@ def test_the_expected_error_is_in_pixels_of_the_photo(view: View) -> None:
     assert first.motion.expected_error is not None
     assert first.expected_error_px == pytest.approx(first.motion.expected_error * view.height)
     assert 0 < first.motion.expected_error < displacement(PAN)
+
+
+@pytest.mark.parametrize("evidence", [2, 20])
+def test_the_turning_point_is_where_the_folder_decides(evidence: float, view: View) -> None:
+    def decided(log_odds: float):
+        given = View(view.photo, Camera(folder_log_odds=log_odds))
+        return candidates_of(two_modes(evidence), given, "me", PAN)[0].motion
+
+    chance = decided(0).chance
+    assert chance is not None
+    assert not decided(chance.turning_point + 0.01).is_zero
+    assert decided(chance.turning_point - 0.01).is_zero
+    again = decided(-3).chance
+    assert again is not None  # the photo itself says the same, whatever its folder
+    assert (again.log_odds, again.turning_point) == pytest.approx((chance.log_odds, chance.turning_point))
+
+
+def test_a_photo_that_was_moved_by_all_accounts_takes_no_part_in_its_folder(view: View) -> None:
+    assert candidates_of(two_modes(20), View(view.photo, Camera(moving="yes")), "me", PAN)[0].motion.chance is None
+    assert candidates_of(replace(two_modes(20), lines_gain=-0.5), view, "me", PAN)[0].motion.chance is None

@@ -67,6 +67,14 @@ def positions(col: object, row: object) -> tuple[Float64[np.ndarray, "*at"], Flo
     return col, row
 
 
+@dataclass(frozen=True)
+class Chance:
+    """What a photo says about whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
+
+    log_odds: float  # that the camera moved, if half of all cameras did
+    turning_point: float  # log odds of the folder from which a motion is undone
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(ABC):
     """Camera motion during the readout of one photo, in its readout frame (orientation.py).
@@ -94,6 +102,7 @@ class Motion(ABC):
         kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
             (name, share); empty if the estimator does not report them.
         film: why the film inside the photo was not used; None if it was used or the photo has none.
+        chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
         version: version of unshutter that created the motion.
 
     Raises:
@@ -118,6 +127,7 @@ class Motion(ABC):
     exposure_s: float | None = None
     kind_shares: tuple[tuple[str, float], ...] = ()
     film: Reason | None = None
+    chance: Chance | None = None
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:

@@ -77,6 +77,8 @@ class Camera:
     # confidence from which a motion is undone, instead of weighing gain against harm; set by a least confidence
     # (:meth:`for_least_confidence`)
     least_confidence: float | None = None
+    # what the other photos of a folder say about how many of them moved: log odds, 0 for half (run/folder.py)
+    folder_log_odds: float = 0.0
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
@@ -311,6 +313,12 @@ class Neighbours:
         None,
         "camera: one motion for the whole picture. dense: near and far objects may move differently. "
         "Default: the one that fits the frames.",
+    )
+    each_alone: bool = option(
+        False,
+        "Judge each photo by itself. Default: the photos of a folder, by camera and hour, say together how many of "
+        "them moved.",
+        page=False,
     )
     fallback: bool = option(
         False, "If the neighbouring frames show no motion, use the photo alone. Default: leave the photo unchanged."

@@ -153,6 +153,12 @@ _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
 )
 
 
+def camera(blob: bytes | None) -> str:
+    """Returns make and model of the camera named in an EXIF blob; empty if none is named."""
+    tree = exif.read(blob)
+    return "" if tree is None else " ".join(filter(None, (tree.text(_MAKE), tree.text(_MODEL))))
+
+
 def readout_time(blob: bytes | None) -> ReadoutTime:
     """Returns the readout time of the camera named in an EXIF blob; that of an unknown camera if none is named."""
     tree = exif.read(blob)

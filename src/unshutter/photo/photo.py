@@ -293,6 +293,12 @@ class Photo(FileOutput):
 
         return exposure.taken(self._metadata.exif)
 
+    def camera(self) -> str:
+        """Returns make and model of the camera, from EXIF; empty if unknown."""
+        from unshutter.photo import exposure
+
+        return exposure.camera(self._metadata.exif)
+
     def is_merged(self) -> bool:
         """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
         from unshutter.photo import exposure

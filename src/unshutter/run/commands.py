@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.options import Estimate, Rectify, Run, Undo
+from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
 from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
 from unshutter.run.manifest import Manifest
@@ -41,7 +42,10 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
 def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
     """Does the jobs of a plan and reports them; returns the exit code."""
     request, run = plan.request, plan.run
-    ratio = None
+    ratio, folder = None, Folder() if plan.judged_together else None
+    if folder is not None and manifest is not None:
+        for job in plan.finished:
+            folder.add(job, manifest.judged(job))
     if request.neighbours.sequence and plan.to_do:
         plan.to_do, ratio = with_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
     here = {}  # what only this process has
@@ -54,8 +58,10 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         plan.files.prepare(target for job in (*plan.to_do, *plan.finished) for target in job.outputs)
         with _workers_for(run) as workers:
             work = partial(do_job, request=request, motion=plan.motion, **here)
-            Batch(work, workers, manifest, report, plan.files).run(plan.to_do)
+            Batch(work, workers, manifest, report, plan.files, folder).run(plan.to_do)
         report.save_preview()
+        if folder is not None:
+            report.tell_of_folder(folder)
     return report.exit_code()
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
+from unshutter.run.folder import Folder, Judged
 from unshutter.run.manifest import Manifest
 from unshutter.run.report import Report
 from unshutter.run.work import Job, Outcome
@@ -66,11 +67,17 @@ class Batch:
     manifest: Manifest | None
     report: Report
     files: RunFiles = field(default_factory=RunFiles)
+    folder: Folder | None = None  # what the photos say together; None: each is judged by itself
     _stopping: bool = field(default=False, init=False)
     _running: dict[Future[Outcome], Job] = field(default_factory=dict, init=False)
 
     def run(self, jobs: Iterable[Job]) -> None:
-        """Runs all jobs."""
+        """Runs all jobs, then again those that the other photos of their folder decide differently."""
+        self._run(jobs)
+        if self.folder is not None:
+            self._run(self.folder.to_redo())
+
+    def _run(self, jobs: Iterable[Job]) -> None:
         waiting = deque(jobs)
         try:
             while waiting or self._running:
@@ -111,7 +118,7 @@ class Batch:
         """Records the start of a job and returns it as it is sent to the worker."""
         if self.manifest is not None:
             self.manifest.begin(job)
-            job = replace(job, recorded=True)
+        job = replace(job, recorded=self.manifest is not None or self.folder is not None)
         return replace(job, may_repeat=True) if self.workers.elsewhere else job
 
     def _collect(self) -> None:
@@ -170,6 +177,10 @@ class Batch:
     def _finish(self, job: Job, outcome: Outcome) -> None:
         if self.manifest is not None:
             self.manifest.end(job, outcome)
+        if self.folder is not None and not outcome.error:
+            written = dict(zip(job.outputs, outcome.digests, strict=False))
+            left = tuple(None if target is None else written.get(target) for target in job.targets)
+            self.folder.add(replace(job, left=left), Judged.of(job, outcome))
         self._report_on(job, outcome)
 
     def _report_on(self, job: Job, outcome: Outcome) -> None:

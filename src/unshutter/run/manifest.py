@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from unshutter.errors import UnshutterError
 from unshutter.options import Rectify
+from unshutter.run.folder import Judged
 from unshutter.run.work import Job, Outcome
 from unshutter.single.register import weights_file
 from unshutter.storage import locations
@@ -169,7 +170,13 @@ class Manifest:
         origin = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         verdict = outcome.verdict.as_json() if outcome.verdict else {}
-        self._journal.add(json.dumps({**self._record(job, "done"), **origin, **verdict, **about}))
+        judged = Judged.of(job, outcome)
+        folder = judged.as_json() if judged else {}
+        self._journal.add(json.dumps({**self._record(job, "done"), **origin, **verdict, **folder, **about}))
+
+    def judged(self, job: Job) -> Judged | None:
+        """Returns what became of a photo whose result is finished; None if that says nothing about other photos."""
+        return Judged.from_json(self._entries.get(self._key(job.target), {}))
 
     def _record(self, job: Job, state: str) -> dict[str, Any]:
         at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

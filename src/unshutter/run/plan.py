@@ -97,6 +97,15 @@ class Plan:
         save = self.request.save
         return not save.only_changed and (save.keep_names or any(job.mask_target for job in self.to_do))
 
+    @property
+    def judged_together(self) -> bool:
+        """Whether the photos of a folder say together how many of them moved (folder.py)."""
+        request = self.request
+        camera, neighbours = request.find.camera, request.neighbours
+        alone = neighbours.each_alone or neighbours or neighbours.sequence or self.motion is not None
+        decided = camera.moving or camera.candidate is not None or request.undo.min_confidence is not None
+        return self.inputs.many and not alone and not decided
+
     def sort(self, manifest: Manifest) -> None:
         """Sorts the jobs to do by the state of their results in the manifest."""
         jobs, self.to_do, overwrite = self.to_do, [], self.run.overwrite
@@ -106,7 +115,7 @@ class Plan:
                 reason = f"{job.target} is the result of another photo: choose another folder, or use --overwrite"
                 self.refused.append((job, f"{job.source}: {reason}"))
             elif state == "finished" and not overwrite:
-                self.finished.append(job)
+                self.finished.append(known)
             else:
                 self.to_do.append(known)
 

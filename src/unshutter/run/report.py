@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.motion.verdict import Verdict
+    from unshutter.run.folder import Folder
     from unshutter.run.plan import Plan
 
 
@@ -41,8 +42,7 @@ class Report:
         self._preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
         self.total = sum(map(len, (plan.to_do, plan.finished, plan.refused, self._inputs.unreadable)))
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
-        self._changed = 0
-        self._left: Counter[Cause] = Counter()  # photos that were left unchanged
+        self._causes: dict[Place, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
         self._start = time.monotonic()
         self._next_steps: dict[str, None] = {}  # what the user can do about photos that were left unchanged, in order
         self._log: JsonLog | None = None
@@ -55,7 +55,8 @@ class Report:
 
     def __exit__(self, *error: object) -> None:
         self._bar.__exit__(*error)
-        fates = {"changed": self._changed, "left_as_they_are": dict(self._left)}
+        left = Counter(filter(None, self._causes.values()))
+        fates = {"changed": len(self._causes) - left.total(), "left_as_they_are": dict(left)}
         summary = {**self.counts, **fates, "photos": self.total, "stopped": error[0] is not None}
         if self._inputs.passed_over:
             summary["not_taken"] = self._inputs.counts()
@@ -78,6 +79,10 @@ class Report:
         """Reports a photo that was changed or left unchanged."""
         verdict = outcome.verdict
         extras = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
+        again = job.folder_log_odds is not None  # in view of the other photos of its folder
+        if again:
+            self.counts["done" if job.source in self._causes else "skipped"] -= 1
+            extras["again"] = True
         self._count(
             "done",
             job.source,
@@ -89,10 +94,7 @@ class Report:
         if self._preview is not None:
             self._preview.add(job, outcome)
         changed = verdict is None or verdict.changes
-        if verdict is None or verdict.cause is None:
-            self._changed += 1
-        else:
-            self._left[verdict.cause] += 1
+        self._causes[job.source] = None if verdict is None else verdict.cause
         if verdict is not None:
             self._next_steps |= dict.fromkeys(_next_steps(verdict))
         details = verdict.described() if verdict else ""
@@ -100,8 +102,18 @@ class Report:
             model = f"model {outcome.model}" if outcome.model and changed else ""
             details = "; ".join(filter(None, (verdict and about(verdict), model, outcome.note)))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
+        what += " after all" if again else ""
         self.tell(f"{what} ({details})" if details else what)
-        self._bar.advance()
+        self._bar.advance(0 if again else 1)
+
+    def tell_of_folder(self, folder: Folder) -> None:
+        """Reports what the photos of a folder said together, if that changed anything."""
+        if folder.redone:
+            photos = "1 photo was" if folder.redone == 1 else f"{folder.redone} photos were"
+            self.tell(
+                f"unshutter: judging by all {len(folder.photos)} photos, about {folder.moved:.0f} moved: "
+                f"{photos} decided again (--each-alone judges each by itself)"
+            )
 
     def save_preview(self) -> None:
         """Writes the preview, if there is one, and reports it."""
@@ -144,12 +156,14 @@ class Report:
             if self._inputs.passed_over:
                 self.tell(f"unshutter: {self._inputs.not_taken()}")
             self.tell(f"unshutter: {done} of {self.total} photos done in {_spoken(seconds)}{speed}{before}")
+            left = Counter(filter(None, self._causes.values()))
+            changed = len(self._causes) - left.total()
             if done:
-                causes = ", ".join(f"{count} {cause}" for cause, count in self._left.most_common())
-                line = f"{self._changed} changed, {self._left.total()} left unchanged"
+                causes = ", ".join(f"{count} {cause}" for cause, count in left.most_common())
+                line = f"{changed} changed, {left.total()} left unchanged"
                 self.tell(f"unshutter: {line} ({causes})" if causes else f"unshutter: {line}")
-            if self._changed and self._left and self._plan.makes_a_set:
-                mixed = f"only {self._changed} of {done} changed; a mixed set confuses the calibration"
+            if changed and left and self._plan.makes_a_set:
+                mixed = f"only {changed} of {done} changed; a mixed set confuses the calibration"
                 self.tell(f"unshutter: {mixed}: use the originals, or leave out the others with --only-changed")
         if self._next_steps:
             self.tell(f"unshutter: next, for what was left unchanged: {'; '.join(self._next_steps)}")
@@ -233,7 +247,7 @@ class Preview:
 
     def __init__(self, path: Path, overwrite: bool):
         self._path, self._overwrite = path, overwrite
-        self._pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]] = []
+        self._pairs: dict[Place, tuple[str, tuple[np.ndarray, np.ndarray]]] = {}
         self._left_out = 0
 
     def add(self, job: Job, outcome: Outcome) -> None:
@@ -243,7 +257,7 @@ class Preview:
         verdict, summary = outcome.verdict, ""
         if verdict is not None:
             summary = verdict.described() if verdict.changes else f"left unchanged ({verdict.sentence})"
-        self._add(f"{job.source.name}: {summary}", outcome.preview)
+        self._add(job.source, f"{job.source.name}: {summary}", outcome.preview)
 
     def add_finished(self, job: Job) -> None:
         """Adds a photo whose result exists from an earlier run, unless one of the two can no longer be read."""
@@ -253,19 +267,20 @@ class Preview:
             before = after = open_photo(job.source, job.max_pixels).upright(job.preview_px)
             if fingerprint(job.target) is not None:  # an unchanged photo may have no result
                 after = open_photo(job.target, job.max_pixels).upright(job.preview_px)
-            self._add(f"{job.source.name}: finished already", (before, after))
+            self._add(job.source, f"{job.source.name}: finished already", (before, after))
 
-    def _add(self, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
-        if len(self._pairs) == MOST_PHOTOS:
-            self._left_out += 1
+    def _add(self, photo: Place, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
+        if len(self._pairs) < MOST_PHOTOS or photo in self._pairs:
+            self._pairs[photo] = caption, pair
         else:
-            self._pairs.append((caption, pair))
+            self._left_out += 1
 
     def save(self) -> str:
         """Writes the picture; returns a line about it."""
         if not self._pairs:
             return f"no photo was done: {self._path} was not written"
-        Photo.from_array(_sheet(self._pairs), software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
+        sheet = _sheet([*self._pairs.values()])
+        Photo.from_array(sheet, software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
         more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""
         return f"before and after: {self._path}{more}"
 

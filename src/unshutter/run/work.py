@@ -19,7 +19,16 @@ from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.libvips import libvips
 from unshutter.photo.saving import not_written
 from unshutter.single.register import load, method
-from unshutter.storage.locations import Place, check_place, digest, fingerprint, read_place, remove, write_place
+from unshutter.storage.locations import (
+    Place,
+    absolute,
+    check_place,
+    digest,
+    fingerprint,
+    read_place,
+    remove,
+    write_place,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,6 +36,7 @@ if TYPE_CHECKING:
     from unshutter.frames.sequence import FrameMotion
     from unshutter.frames.sequence_rectification import RectifiedFrame
     from unshutter.motion import Motion
+    from unshutter.motion.motion import Chance
     from unshutter.motion.rectified import Rectified, Result
     from unshutter.motion.verdict import Verdict
     from unshutter.single.estimator import Estimator
@@ -64,6 +74,7 @@ class Job:
     # the same two for a photo that is left unchanged: usually a copy of its file under its own name
     unchanged: Place | None = None
     unchanged_mask: Place | None = None
+    folder_log_odds: float | None = None  # judged again in view of the other photos of its folder (run/folder.py)
     preview_px: int | None = None  # long side [px] of the before and after pictures, 0 for full size; None: no preview
 
     @property
@@ -93,6 +104,8 @@ class Outcome:
     picture: Place | None = None  # the picture that was written; for an unchanged photo there may be none
     outputs_are: tuple[str | None, ...] = ()  # fingerprints of the job's outputs; None for those that were not written
     digests: tuple[str | None, ...] = ()  # digests of the outputs, if they are recorded
+    group: str = ""  # folder, camera and hour of the photo
+    chance: Chance | None = None  # what the photo says about whether its camera moved
     preview: tuple[np.ndarray, np.ndarray] | None = None  # the before and after pictures for a preview
 
 
@@ -236,17 +249,20 @@ def do_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Loo
 def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
     """Runs the job."""
     source_is = fingerprint(job.source)  # taken before reading: a photo that is modified later counts as changed
-    if lookahead is None:
+    if lookahead is None or job.folder_log_odds is not None:
         find = None if motion is not None else request.find_alone
+        if find is not None and job.folder_log_odds is not None:
+            find = replace(find, camera=replace(find.camera, folder_log_odds=job.folder_log_odds))
         lookahead = Lookahead([job.source], find, job.max_pixels, request.undo)
     ahead = lookahead.take(job.source)
     result: Rectified | RectifiedFrame
-    model = ""
+    model, chance = "", None
     if request.neighbours or request.neighbours.sequence:
         result = _between(ahead.photo, job, request)
         model = result.model
     else:
         result = _alone(ahead, request, motion)
+        chance = result.found.chance
     picture, mask_target = (job.target, job.mask_target) if result.changed else (job.unchanged, job.unchanged_mask)
     picture = picture if result.changed or not request.save.only_changed else None
     motion_target = job.motion_target if result.motion is not None else None
@@ -274,6 +290,8 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
         preview = before, result.photo.upright(job.preview_px) if result.changed else before
     return Outcome(
         verdict=result.verdict,
+        group=_group(job.source, result.original),
+        chance=chance,
         note=about,
         model=model,
         source_is=source_is,
@@ -282,6 +300,12 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
         digests=tuple(digest(target) if job.recorded and target else None for target in outputs),
         preview=preview,
     )
+
+
+def _group(place: Place, photo: Photo) -> str:
+    """Names the photos that are judged together: one folder, one camera, one hour."""
+    taken = photo.taken()
+    return "|".join((str(absolute(place).parent), photo.camera(), "" if taken is None else f"{taken:%Y-%m-%d %H}"))
 
 
 def _alone(ahead: PhotoAhead, request: Rectify, motion: str | None) -> Rectified:

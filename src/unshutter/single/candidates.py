@@ -17,10 +17,11 @@ from typing import cast
 
 import numpy as np
 
+from unshutter.motion.motion import Chance
 from unshutter.motion.verdict import Candidate, KindOfMotion, probability_better
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
-from unshutter.single.prospects import MOVING, Option, Prospect, prospect
+from unshutter.single.prospects import MOVING, Option, Prospect, experience, prospect
 from unshutter.single.search import Optima, Posterior, displacement, expected_error, mixture_moments
 from unshutter.single.sharpness import smear_of
 
@@ -114,7 +115,7 @@ def candidates_of(
     camera, limit = view.camera, view.speed_limit  # the same rule for single photos and folders
     posterior = _heading(posterior, view.heading) if view.heading else posterior
     roll_known = view.attitude_deg()[0] is not None
-    shift = MOVING if camera.moving or (limit is not None and limit.smeared) else 0.0
+    shift = MOVING if camera.moving or (limit is not None and limit.smeared) else camera.folder_log_odds
     modes = modes_of(posterior)
     prospects = [prospect(posterior, mode, opinion, roll_known, shift) for mode in modes]
     weighed = [each.better if camera.at_any_odds else each.benefit for each in prospects]
@@ -123,6 +124,7 @@ def candidates_of(
     best = max(range(len(modes)), key=weighed.__getitem__, default=None)
     order = sorted(range(len(modes)), key=lambda k: (k != best, -prospects[k].better))
     moving = tuple(_candidate(modes[k], prospects[k], posterior, view, estimator) for k in order)
+    chance = _chance(prospects, shift, opinion is not None) if shift == camera.folder_log_odds else None
     at_rest = 1 - max((each.better for each in prospects), default=0.0)
     reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
     if reason is None and displacement(posterior.motion) > LARGEST:
@@ -134,8 +136,21 @@ def candidates_of(
         reason = _reason_to_leave(
             *(0.0, 0.0) if best is None else (prospects[best].better, moving[0].motion.largest_px)
         )
-        return (_still(view, estimator, reason, at_rest), *moving)
-    return (*moving, _still(view, estimator, None, at_rest))
+        return (_with_chance(_still(view, estimator, reason, at_rest), chance), *moving)
+    return (_with_chance(moving[0], chance), *moving[1:], _still(view, estimator, None, at_rest))
+
+
+def _chance(prospects: list[Prospect], shift: float, with_network: bool) -> Chance | None:
+    """Returns what the photo says about whether its camera moved, apart from its folder; None if nothing."""
+    if not prospects:
+        return None
+    slope, constant = experience(with_network).moved
+    helps = max(each.log_odds for each in prospects) - shift
+    return Chance(slope * helps + constant, min(each.turning_point for each in prospects) + shift)
+
+
+def _with_chance(candidate: Candidate, chance: Chance | None) -> Candidate:
+    return replace(candidate, motion=replace(candidate.motion, chance=chance))
 
 
 def _heading(posterior: Posterior, sign: int) -> Posterior:

@@ -162,11 +162,13 @@ class Experience:
 
     better: Forest  # log odds that the result is closer to the truth than the photo, if half of all photos moved
     error: Forest  # log of the error that remains if it is [px of 256 rows]
+    moved: tuple[float, float]  # slope and constant of the log odds that the camera moved, by those of ``better``
 
     @classmethod
     def read(cls, fields: dict[str, Any]) -> Experience:
         """Reads the forests from the fields of a file."""
-        return cls(Forest.read(fields["better"]), Forest.read(fields["error"]))
+        slope, constant = fields["moved"]
+        return cls(Forest.read(fields["better"]), Forest.read(fields["error"]), (slope, constant))
 
 
 @dataclass(frozen=True)

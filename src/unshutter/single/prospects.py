@@ -13,12 +13,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from unshutter.options import MIN_CONFIDENCE
 from unshutter.single.prior import shipped
 from unshutter.single.search import PX, bend, displacement
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from unshutter.single.prior import Experience
     from unshutter.single.search import Posterior
 
 HARM = 1.0  # a pixel lost counts as this many gained (docs/research/own-model-calibration.md shows other values)
@@ -46,6 +48,18 @@ class Prospect:
     size: float  # mean displacement by the motion [rows]
 
     @property
+    def log_odds(self) -> float:
+        """Log odds that the result is closer to the truth than the photo."""
+        return _log_odds(self.better)
+
+    @property
+    def turning_point(self) -> float:
+        """Number to add to the log odds for the motion to be worth undoing; a large number if it never is."""
+        lost, gained = HARM * LOST * self.size, self.size - self.error
+        needed = max(lost / (lost + gained), MIN_CONFIDENCE) if gained > 0 else 1.0
+        return _log_odds(needed) - self.log_odds if needed < 1 else 2 * _MOST
+
+    @property
     def benefit(self) -> float:
         """Expected gain [rows], with losses weighed by :data:`HARM`; a motion is worth undoing if this is positive."""
         return self.weighed(HARM)
@@ -66,7 +80,7 @@ def prospect(
         shift: added to the log odds, for photos of which more or fewer moved.
     """
     size = displacement(option.motion)
-    known = shipped().without_network if opinion is None else shipped().with_network
+    known = experience(opinion is not None)
     asked = features(posterior, option, opinion)
     error = max(math.exp(known.error.of(asked)) - FAINT_PX, 0.0) / PX
     if roll_known:  # fitted to 137 photos with known attitudes, moved and still
@@ -74,6 +88,11 @@ def prospect(
     else:
         better = _probability(known.better.of(asked) + shift)
     return Prospect(better, error, size)
+
+
+def experience(with_network: bool) -> Experience:
+    """Returns what is known of searches that include the network's estimate, or do not."""
+    return shipped().with_network if with_network else shipped().without_network
 
 
 def features(posterior: Posterior, option: Option, opinion: np.ndarray | None) -> dict[str, float]:
@@ -113,6 +132,11 @@ def features(posterior: Posterior, option: Option, opinion: np.ndarray | None) -
         "disagreement": PX * displacement(opinion - posterior.motion),
         "to_answer": PX * displacement(option.motion - opinion),
     }
+
+
+def _log_odds(probability: float) -> float:
+    least = math.exp(-_MOST)
+    return math.log(max(probability, least)) - math.log(max(1 - probability, least))
 
 
 def _probability(log_odds: float) -> float:

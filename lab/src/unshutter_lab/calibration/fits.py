@@ -99,10 +99,22 @@ def fit(cases: Cases, title: str) -> tuple[dict[str, Any], str]:
         forests = _forests(cases, np.ones(len(cases.table), bool))
     names = tuple(cases.features.columns)
     slope, constant = float(scale.coef_[0, 0]), float(scale.intercept_[0])
-    fields = {"better": forest_fields(forests[0], names, slope, constant), "error": forest_fields(forests[1], names)}
+    fields: dict[str, Any] = {
+        "better": forest_fields(forests[0], names, slope, constant),
+        "error": forest_fields(forests[1], names),
+        "moved": _moved(cases, slope * odds + constant),
+    }
     Experience.read(fields)  # as it will be read
     lines = [f"{title}: log odds times {slope:.3f} plus {constant:.3f}"]
     return fields, "\n".join([*lines, *_curve(cases, better, error), *_reliability(cases, better)])
+
+
+def _moved(cases: Cases, odds: np.ndarray) -> list[float]:
+    """Fits the log odds that a camera moved, by the largest log odds [N] that undoing one of its motions helps."""
+    best = cases.table.assign(odds=odds, moved=~cases.still, weight=cases.weight)
+    best = best.sort_values("odds").groupby("case", sort=False).tail(1)
+    line = LogisticRegression(C=np.inf).fit(best[["odds"]].to_numpy(), best["moved"], sample_weight=best["weight"])
+    return [round(float(line.coef_[0, 0]), 3), round(float(line.intercept_[0]), 3)]
 
 
 def _forests(cases: Cases, chosen: np.ndarray) -> tuple[HistGradientBoostingClassifier, HistGradientBoostingRegressor]:

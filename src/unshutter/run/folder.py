@@ -1,0 +1,109 @@
+"""How many photos of a folder moved, found from all of them: a base rate for the decision on each.
+
+A single photo is judged as if half of all photos moved. Of a hundred photos that a camera took within an hour, usually
+none moved, or, from a train, nearly all. Their own log odds (motion/motion.py, ``Chance``) show which, by expectation
+maximisation of the one unknown share. Every photo is first judged by itself; those that the share decides differently
+are then done again. The share that applies to a photo is found from the others, so a single photo changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from unshutter.run.work import Job, Outcome
+from unshutter.storage.locations import Place
+
+PRIOR = 10.0  # photos that moved, and as many that did not, are added to those of the folder
+MOST = math.log(4)  # log odds; the same as for a camera that is known to have moved (single/prospects.py)
+_ROUNDS = 200  # of expectation maximisation
+_ARRIVED = 1e-6  # change of the share
+_ALIKE = 0.05  # log odds that differ less than this are the same
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What became of one photo of a folder."""
+
+    group: str  # folder, camera and hour
+    log_odds: float  # that it moved, if half of all photos did
+    turning_point: float  # log odds of the folder from which it is undone
+    used: float  # log odds of the folder with which it was judged
+
+    @classmethod
+    def of(cls, job: Job, outcome: Outcome) -> Judged | None:
+        """Returns what became of a photo; None if it says nothing about the others, nor they about it."""
+        if outcome.chance is None:
+            return None
+        return cls(outcome.group, outcome.chance.log_odds, outcome.chance.turning_point, job.folder_log_odds or 0.0)
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> Judged | None:
+        """Reads :meth:`as_json` from a record of the manifest."""
+        data: Any = record.get("folder")
+        try:
+            return cls(str(data["group"]), *(float(data[name]) for name in ("log_odds", "turning_point", "used")))
+        except (TypeError, KeyError, ValueError):  # none, or by another version
+            return None
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns it ready for JSON."""
+        numbers = {"log_odds": self.log_odds, "turning_point": self.turning_point, "used": self.used}
+        return {"folder": {"group": self.group, **{name: round(number, 4) for name, number in numbers.items()}}}
+
+
+def shares_moved(log_odds: Sequence[float]) -> list[float]:
+    """Returns the log odds that a photo moved, [N] for N photos, each from all the others.
+
+    Args:
+        log_odds: [N] of each photo by itself.
+    """
+    share = 0.5
+    for _ in range(_ROUNDS):
+        each = [_probability(number + _log_odds(share)) for number in log_odds]
+        before, share = share, (math.fsum(each) + PRIOR) / (len(each) + 2 * PRIOR)
+        if abs(share - before) < _ARRIVED:
+            break
+    each = [_probability(number + _log_odds(share)) for number in log_odds]
+    total = math.fsum(each) + PRIOR
+    return [min(_log_odds((total - own) / (len(each) - 1 + 2 * PRIOR)), MOST) for own in each]
+
+
+@dataclass
+class Folder:
+    """The photos of a run that are judged together."""
+
+    photos: dict[Place, tuple[Job, Judged]] = field(default_factory=dict)
+    moved: float = 0.0  # expected number of photos that moved, once :meth:`to_redo` has found it
+    redone: int = 0
+
+    def add(self, job: Job, judged: Judged | None) -> None:
+        """Adds a photo."""
+        if judged is not None:
+            self.photos[job.source] = job, judged
+
+    def to_redo(self) -> list[Job]:
+        """Returns the jobs of the photos that are decided differently in view of the others."""
+        groups = defaultdict(list)
+        for source in sorted(self.photos, key=str):
+            groups[self.photos[source][1].group].append(self.photos[source])
+        again, self.moved = [], 0.0
+        for group in groups.values():
+            for (job, judged), log_odds in zip(group, shares_moved([each.log_odds for _, each in group]), strict=True):
+                self.moved += _probability(judged.log_odds + log_odds)
+                turns = (log_odds > judged.turning_point) != (judged.used > judged.turning_point)
+                if turns and abs(log_odds - judged.used) > _ALIKE:
+                    again.append(replace(job, folder_log_odds=round(log_odds, 4)))
+        self.redone = len(again)
+        return again
+
+
+def _log_odds(share: float) -> float:
+    return math.log(share / (1 - share))
+
+
+def _probability(log_odds: float) -> float:
+    return 1 / (1 + math.exp(-log_odds)) if log_odds > 0 else 1 - 1 / (1 + math.exp(log_odds))
