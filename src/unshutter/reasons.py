@@ -95,6 +95,7 @@ class Code(StrEnum):
         "the picture does not follow the gyro log (correlation {correlation:.2f}): "
         "the clip was stabilised, or the log is of another clip",
     )
+    GYRO_DAMAGED = "gyro-damaged", "it is damaged"
     GYRO_UNREAD = "gyro-unread", "reading it needs the extra gyro"
     STABILISED_IN_CAMERA = "stabilised-in-camera", "its camera stabilised the clip: when its rows were taken is unknown"
     # frames and clips: why the readout ratio is unknown

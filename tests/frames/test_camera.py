@@ -77,7 +77,7 @@ def test_near_ground_at_the_bottom_is_not_taken_for_an_oscillation():
         end = start + np.stack([0.2 * down, down], axis=-1) + rng.normal(0, 0.03, start.shape)
         pairs.append(Tracks(start, end, HEIGHT, WIDTH, 150))
     problem = Problem(pairs, FOCAL * UNIT)
-    for fit, most in ((problem.fit(0.6, 0.001), np.inf), (steady(problem, 0.6, 0.001), 0.9)):
+    for fit, most in ((problem.fit(0.6, 0.001), np.inf), (steady(problem.fit(0.6, 0.001), problem, 0.6), 0.9)):
         turns = fit.turn(np.linspace(12, 12.6, 7)) * fit.focal_px
         reach = np.abs(turns - turns[3]).max()
         assert (reach > 1.5) if most == np.inf else (reach < most)

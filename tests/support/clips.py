@@ -51,7 +51,8 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
     """Writes a clip.
 
     ``more``: options (of the encoder), tags, stream_tags, turn (degrees), aspect, colours (four numbers), chapters,
-    subtitles, tag (the codec's), container (options), interlaced.
+    subtitles, tag (the codec's), container (options), interlaced, data (codec of a
+    track), handler, packets (its bytes).
     """
     with av.open(str(path), "w", container_options=more.get("container", {})) as out:
         film = out.add_stream(codec, rate=FPS, options=more.get("options", {}))
@@ -74,7 +75,7 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
         noted = _data_stream(out, **more)
         out.start_encoding()
         if noted is not None:
-            _note(out, noted)
+            _note(out, noted, **more)
         if words is not None:
             _say(out, words, more["subtitles"])
         for k, grey in enumerate(greys):
@@ -115,10 +116,12 @@ def _data_stream(out, data=None, handler="", **_):
     return stream
 
 
-def _note(out, stream):
-    for k in range(3):
-        packet = av.Packet(bytes([k]) * 20)
-        packet.stream, packet.pts, packet.dts, packet.time_base = stream, 100 * k, 100 * k, Fraction(1, 1000)
+def _note(out, stream, packets=None, **_):
+    """Packets of a second each, or three short ones."""
+    step = 100 if packets is None else 1000
+    for k, content in enumerate(packets or [bytes([k]) * 20 for k in range(3)]):
+        packet = av.Packet(content)
+        packet.stream, packet.pts, packet.dts, packet.time_base = stream, step * k, step * k, Fraction(1, 1000)
         out.mux(packet)
 
 

@@ -2,18 +2,21 @@
 
 import json
 import struct
+import sys
 
 import numpy as np
 import pytest
 
-from support import clips, hand_held
+from support import clips, gpmf, hand_held
 from support.gyro_logs import gyro_log as drawn_log
 from support.gyro_logs import write_gcsv
+from support.refusals import refused
 from unshutter.cli import main
 from unshutter.video import gyro_log
 from unshutter.video.mp4 import box
 
 FRAMES, SHIFT = 40, 0.137
+RATIO_S = clips.RATIO / clips.FPS
 
 
 def vibration():
@@ -90,12 +93,17 @@ def test_a_stabilised_clip_is_copied_where_its_readout_time_would_be_guessed(tmp
     assert record["stabilised"] and record["rectified"] == 0
 
 
-def test_gopros_settings_tell_that_it_stabilised_the_clip(tmp_path, capsys):
-    clip = clips.write(tmp_path / "in.mp4", clips.moving(30, hand_held.pan(9.0))[1])
+def said_to_be_stabilised(clip):
+    """A clip with a GoPro's settings that say so."""
     data = clip.read_bytes()
     at, extra = data.rindex(b"moov") - 4, box(b"udta", box(b"GPMF", b"EISEc\x01\x00\x01Y\0\0\0"))
     size = struct.pack(">I", int.from_bytes(data[at : at + 4], "big") + len(extra))
     clip.write_bytes(data[:at] + size + data[at + 4 :] + extra)
+    return clip
+
+
+def test_gopros_settings_tell_that_it_stabilised_the_clip(tmp_path, capsys):
+    clip = said_to_be_stabilised(clips.write(tmp_path / "in.mp4", clips.moving(30, hand_held.pan(9.0))[1]))
     for flags, rectified in (([], 0), (["--readout-ms", "20"], 30)):
         out, log = tmp_path / "out.mp4", tmp_path / "log.jsonl"
         assert main(["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]) == 0
@@ -104,12 +112,49 @@ def test_gopros_settings_tell_that_it_stabilised_the_clip(tmp_path, capsys):
         assert ("its camera stabilised the clip" in capsys.readouterr().err) is not bool(rectified)
 
 
+def test_frames_that_are_only_stabilised_are_not_called_unchanged(tmp_path, capsys):
+    clip = said_to_be_stabilised(clips.write(tmp_path / "in.mp4", clips.moving(14)[1]))
+    assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--stabilize", "3"]) == 0
+    printed = capsys.readouterr().err
+    assert "14 not straightened (its camera stabilised the clip" in printed and "path smoothed" in printed
+
+
 def test_a_log_that_cannot_be_read_is_named_with_what_to_install(tmp_path, capsys, monkeypatch):
-    clip = clips.write(tmp_path / "in.mp4", clips.standing(10), data="bin_data", handler="GoPro MET")
+    clip = clips.write(tmp_path / "in.mp4", clips.standing(10), data="bin_data", handler="DJI meta")
     monkeypatch.setattr(gyro_log, "find_spec", lambda name: None)
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4")]) == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if "gyro" in line]
-    assert len(lines) == 1 and "GoPro MET" in lines[0] and "pip install" in lines[0] and "[gyro]" in lines[0]
+    assert len(lines) == 1 and "DJI meta" in lines[0] and "pip install" in lines[0] and "[gyro]" in lines[0]
+
+
+def gopro_clip(path, camera, greys, packets=2):
+    """A clip with its log as a GoPro keeps it, in packets of a second with 400 samples."""
+    times = np.arange(400 * packets) / 400
+    log = drawn_log(camera)
+    rates = np.stack([np.interp(times, log.t_s, axis) for axis in log.rates.T], axis=-1)
+    whole = np.round(2000 * rates).astype(int)
+    data = [gpmf.device(gpmf.stream(b"GYRO", whole[k : k + 400], 2000)) for k in range(0, len(whole), 400)]
+    return clips.write(path, greys, "ffv1", data="bin_data", handler="GoPro MET", packets=data)
+
+
+def test_a_gopros_log_is_used_without_another_library(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "telemetry_parser", None)  # as on Python 3.13
+    camera, greys = clips.moving(FRAMES, vibration())
+    clip = gopro_clip(tmp_path / "in.mp4", camera, greys)
+    out, log = tmp_path / "out.mp4", tmp_path / "log.jsonl"
+    assert main(["video", str(clip), "-o", str(out), "--json-log", str(log)]) == 0
+    record = json.loads(log.read_text().splitlines()[-1])
+    assert record["gyro"]["origin"] == "GoPro" and record["gyro"]["used"]
+    assert abs(record["gyro"]["offset_s"] - RATIO_S / 2) < 0.01
+
+
+def test_a_damaged_log_of_a_gopro_is_named_in_one_line(tmp_path, capsys):
+    damaged = [gpmf.device(gpmf.stream(b"GYRO", np.ones((400, 3)), 0)), b"DEVC\0"]  # a scale of 0
+    clip = clips.write(tmp_path / "in.mp4", clips.standing(10), data="bin_data", packets=damaged)
+    assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4")]) == 0
+    assert "gyro log (GoPro) not used: it is damaged" in capsys.readouterr().err
+    words = [clip, "-o", tmp_path / "out.mp4", "--overwrite", "--gyro", clip]
+    refused(capsys, words, 1, "the gyro log in the clip is damaged")
 
 
 def test_a_log_shorter_than_the_clip_is_left_alone(tmp_path, capsys, shaken):

@@ -99,6 +99,19 @@ def test_first_row_as_reference_shows_twice_as_much(tmp_path, run):
     assert run(clip, "--reference", "first")[0]["rectified"] > 25
 
 
+@pytest.mark.parametrize("flags", [(), ("--readout-ms", "20")])
+def test_unchanged_means_untouched(tmp_path, run, flags):
+    """A copy byte for byte where a name is given, and nothing next to the clip where none is."""
+    clip = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")
+    assert run(clip, *flags)[2].read_bytes() == clip.read_bytes()
+    before = sorted(tmp_path.iterdir())
+    assert main(["video", str(clip), *flags]) == 0
+    assert sorted(tmp_path.iterdir()) == before
+    moving = clips.write(tmp_path / "moving.mkv", clips.moving(16)[1], "ffv1")
+    assert main(["video", str(moving), "--readout-ratio", "0.6"]) == 0
+    assert (tmp_path / "moving.rectified.mkv").exists()
+
+
 def test_only_changed_writes_nothing(tmp_path, run):
     """Neither where nothing is to be seen nor, at a stated readout time, where nothing moved."""
     clip = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")

@@ -7,35 +7,9 @@ import subprocess
 import pytest
 
 from support import clips
+from support.gpmf import entry, with_samples
 from unshutter.cli import main
-from unshutter.video.mp4 import box
 from unshutter.video.readout import readout_tag
-
-
-def full(content):
-    return bytes(4) + content
-
-
-def with_samples(path, kind, data):
-    """A file with one track of a kind, of one sample."""
-    table = [
-        box(b"stsd", full(struct.pack(">I", 1) + box(kind, bytes(8)))),
-        box(b"stts", full(struct.pack(">III", 1, 1, 1000))),
-        box(b"stsc", full(struct.pack(">IIII", 1, 1, 1, 1))),
-        box(b"stsz", full(struct.pack(">II", len(data), 1))),
-        box(b"stco", full(struct.pack(">II", 1, 24))),
-    ]
-    header = full(struct.pack(">IIII", 0, 0, 1000, 1000))
-    media = box(b"mdhd", header) + box(b"hdlr", full(bytes(4) + b"meta" + bytes(12)))
-    media += box(b"minf", box(b"stbl", b"".join(table)))
-    movie = box(b"mvhd", header) + box(b"trak", box(b"mdia", media))
-    path.write_bytes(box(b"ftyp", b"mp42" + bytes(4)) + box(b"mdat", data) + box(b"moov", movie))
-    return str(path)
-
-
-def entry(key, kind, content, size=1):
-    """An entry of GPMF."""
-    return key + kind + struct.pack(">BH", size, len(content) // size) + content + bytes(-len(content) % 4)
 
 
 def with_srot(ms, kind=b"f", pack=">f"):

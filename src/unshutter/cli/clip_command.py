@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,12 +45,15 @@ def run(arguments: Arguments) -> int:
     from unshutter.progress import Bars
     from unshutter.video.clip_rectification import rectify_clip_file
 
+    options = arguments.options
+    if arguments.output is None and options.may_be_copy:  # next to the clip, nothing is written for one that stays
+        options = replace(options, only_changed=True)
     with Bars() as bars:
         output = arguments.output or _output_for(arguments.clip)
         outcome = rectify_clip_file(
             arguments.clip,
             output,
-            arguments.options,
+            options,
             watch=bars,
             on_readout=lambda time, _: bars.tell(_line_of(time)),
             on_rate=lambda before, after: bars.tell(_rate_line(before, after, arguments.options.encode)),
@@ -103,7 +106,8 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if unchanged := outcome.frames - outcome.rectified:
         reason, count = outcome.reasons.most_common(1)[0]
         others = f"; {unchanged - count} for other reasons" if unchanged > count else ""
-        note += f", {unchanged} left unchanged ({reason}{others})"
+        moved = outcome.stabilisation is not None and not outcome.stabilisation.is_idle
+        note += f", {unchanged} {'not straightened' if moved else 'left unchanged'} ({reason}{others})"
     frames = f"{outcome.rectified} of {_frames(outcome.frames)} straightened"
     result = outcome.output if outcome.written else "not written"
     yield f"{outcome.source} -> {result}: {frames}{note}"
@@ -114,7 +118,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
-        yield f"unshutter: not kept, since there is no place for it in the result: {', '.join(outcome.left_out)}"
+        yield f"unshutter: not kept, since it cannot be written into such a file: {', '.join(outcome.left_out)}"
     if outcome.gap_s is not None:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"

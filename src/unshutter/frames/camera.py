@@ -278,14 +278,13 @@ class Problem:
         return equations.squared(unknowns[self._places].reshape(len(self.pairs), -1, _UNKNOWNS))
 
 
-def steady(problem: Problem, ratio: float, stiffness: float | None) -> Fit:
-    """Returns the most probable motion that is not much faster within any frame than the tracks between frames are.
+def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:
+    """Returns a fit, or a stiffer one that is not much faster within any frame than the tracks between frames are.
 
     An oscillation that repeats with every frame leaves no trace in the tracks, and one that grows from frame to
     frame looks like a scene whose lower rows move faster, as near ground does. Such a fit is rejected in favour of a
     stiffer spline.
     """
-    fit = problem.fit(ratio, stiffness)
     most = _FASTER * ratio / 2 * problem.fastest + _SLACK
     while fit.stiffness < _STIFFNESS[-1] and _within_frames(fit, problem, ratio) > most:
         fit = problem.fit(ratio, fit.stiffness * 10)

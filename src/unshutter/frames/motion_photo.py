@@ -248,7 +248,8 @@ class _Run:
     def frames(self, focal_px: float, ratio: ReadoutTime) -> Frames:
         """Fits the camera's rotation to the frames."""
         height, width = self.greys[0].shape
-        fit = steady(Problem([fewer(pair) for pair in self.pairs], focal_px, self.starts), ratio.value, None)
+        problem = Problem([fewer(pair) for pair in self.pairs], focal_px, self.starts)
+        fit = steady(problem.fit(ratio.value), problem, ratio.value)
         return Frames(fit, np.array(self.starts), ratio.value, height, width)
 
 

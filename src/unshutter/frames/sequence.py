@@ -264,9 +264,11 @@ class CameraMotion:
         if self.turns is not None:
             moments = pairwise(shot.clock_s)
             pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
-        fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
-        if reason is None:
-            self._stiffness, self._windows = fit.stiffness, self._windows + 1
+        problem = Problem(pairs, focal, starts)
+        likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)))
+        fit = steady(likeliest, problem, self.ratio.value)
+        if reason is None:  # what one window needs to be steady is not carried over to the next
+            self._stiffness, self._windows = likeliest.stiffness, self._windows + 1
         if fit.noise_px > _TOO_NOISY_PX:
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason

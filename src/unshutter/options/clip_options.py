@@ -47,7 +47,7 @@ class Shutter:
     focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
     gyro: str | None = option(
         None,
-        "Gyro log of the clip: a .gcsv file, or what telemetry-parser reads; off: none. "
+        "Gyro log of the clip: a .gcsv file, a GoPro's clip, or what telemetry-parser reads; off: none. "
         "Default: the log in the clip's own file.",
         metavar="FILE",
         names="input",
@@ -221,6 +221,12 @@ class RectifyClip:
             raise UsageError("--start must be 0 or later, and --end after it, in seconds")
         if self.max_pixels < 1:
             raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+
+    @property
+    def may_be_copy(self) -> bool:
+        """Whether a clip in which nothing changes can be copied: no part, encoding or second output is asked for."""
+        whole = self.start is None and self.end is None and self.encode == Encode()
+        return whole and self.save_motion is self.plot is None
 
     def span(self, duration_s: float) -> tuple[float, float]:
         """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute."""

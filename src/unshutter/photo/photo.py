@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
 
 
+PREVIEW = "unshutter --preview"  # the program that previews name in EXIF
+
+
 @dataclass(frozen=True, eq=False)
 class Photo(FileOutput):
     """A picture as it is stored, never rotated to be upright, with all metadata of its file.

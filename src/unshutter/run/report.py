@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.photo import Photo
+from unshutter.photo.photo import PREVIEW
 from unshutter.progress import Progress, rate
 from unshutter.reasons import Cause, Code, pixels
 from unshutter.run.inputs import MADE_BY_US, Inputs
-from unshutter.run.work import PREVIEW, Job, Outcome, PreviewError, open_photo
+from unshutter.run.work import Job, Outcome, PreviewError, open_photo
 from unshutter.storage.files import JsonLog
 from unshutter.storage.locations import Place, fingerprint
 

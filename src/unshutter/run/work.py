@@ -17,6 +17,7 @@ from unshutter.options import MAX_PIXELS, Camera, Find, Rectify, Save, Undo
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.libvips import libvips
+from unshutter.photo.photo import PREVIEW
 from unshutter.photo.saving import not_written
 from unshutter.single.register import load, method
 from unshutter.storage.locations import (
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 
 
 SHEET_PX = 320  # long side of each picture of a sheet
-PREVIEW = "unshutter --preview"  # the program that previews name in EXIF
 
 
 class PreviewError(UnshutterError):

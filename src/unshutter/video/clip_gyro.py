@@ -22,8 +22,9 @@ from unshutter.progress import counted
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import Clip, ClipRequest, followed
+from unshutter.video.gpmf import DamagedLogError
 from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns
-from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_by_parser, log_of_file
+from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Float64
@@ -34,7 +35,7 @@ _LEAST_TRACKS = 12  # of a pair
 _MISSING_S = 0.25  # at either end of a clip that a log may omit
 _BEYOND_S = 10.0  # of a log kept at either end of a clip
 _SAME_CLOCK_S = 0.6  # largest offset between the clocks of a log and a clip in one file
-_LOG_TRACKS = ("GoPro MET", "Timed Metadata Media Handler", "DJI meta", "CAM meta", "CameraMetadataMotionHandler")
+_LOG_TRACKS = ("Timed Metadata Media Handler", "DJI meta", "CAM meta", "CameraMetadataMotionHandler")
 _INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's files, which have their log at the end
 
 
@@ -84,7 +85,12 @@ class ClipGyro:
 def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> ClipGyro | None:
     """Returns the gyro log of a clip, synchronised with it, or None if it has none."""
     clip, shutter = request.clip, request.options.shutter
-    log = _log(clip, shutter.gyro)
+    try:
+        log = _log(clip, shutter.gyro)
+    except DamagedLogError:
+        if shutter.gyro is not None:
+            raise
+        return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
     if log is None:
         name = _unread_log(clip) if shutter.gyro is None and not can_parse() else None
         return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else None
@@ -116,7 +122,7 @@ def _log(clip: Clip, choice: str | None) -> GyroLog | None:
         return None
     if choice is not None:
         return log_of_file(choice)
-    return log_by_parser(clip.path) if _may_have_log(clip) else None
+    return log_of_camera(clip.path) if _may_have_log(clip) else None
 
 
 def _may_have_log(clip: Clip) -> bool:

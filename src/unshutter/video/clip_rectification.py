@@ -26,7 +26,7 @@ from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
 from unshutter.motion.warp import thread_count
 from unshutter.options import check_focal
-from unshutter.options.clip_options import GIVEN, Encode, RectifyClip
+from unshutter.options.clip_options import GIVEN, RectifyClip
 from unshutter.progress import Watch
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
@@ -93,14 +93,12 @@ def rectify_clip_file(
     if options.steadiness.stabilize is not None:
         pipeline = _with_steady_views(pipeline)
         result.stabilisation = pipeline.stabilisation
-    moves_path = pipeline.stabilisation is not None and not pipeline.stabilisation.is_idle
-    if pipeline.unmoved is not None and not moves_path and film.may_be_copy:  # but damage is not copied
+    if pipeline.stabilisation is not None and not pipeline.stabilisation.is_idle:
+        film = replace(film, may_be_copy=False)
+    if pipeline.unmoved is not None and film.may_be_copy:  # but damage is not copied
         frames = sum(1 for _ in _watched(pipeline)) if pipeline.frames is None else pipeline.frames
         result.add_unchanged(frames, pipeline.unmoved)
-        result.written = not options.only_changed
-        if result.written:
-            with written_whole(target, options.overwrite) as part:
-                shutil.copyfile(clip.path, part)
+        _copy(pipeline, film, result)
     else:
         _write(pipeline, film, result, on_rate)
     if options.preview is not None and result.written:
@@ -294,16 +292,25 @@ class _Output:
         into_copy = alike and kind in _MP4 and mp4.can_take(clip.path)
         if into_copy and kind != ".mov":
             kind = ".mp4"
-        simple = alike and options.encode == Encode() and options.save_motion is options.plot is None
+        simple = alike and options.may_be_copy
         return cls(target, fitted(Encoder.choose(clip, options.encode), clip, kind), into_copy, kind, simple)
 
 
 class _NothingChangedError(Exception):
-    """No frame changes, and the user wants no output in that case."""
+    """No frame changes: the clip's own file is as good, or the user wants no output in that case."""
+
+
+def _copy(pipeline: Pipeline, film: _Output, result: ClipOutcome) -> None:
+    """Copies the clip, in which nothing changes, unless the user wants no output in that case."""
+    options = pipeline.request.options
+    result.written = not options.only_changed
+    if result.written:
+        with written_whole(film.target, options.overwrite) as part:
+            shutil.copyfile(pipeline.request.clip.path, part)
 
 
 def _write(pipeline: Pipeline, film: _Output, result: ClipOutcome, on_rate: RateCallback | None) -> None:
-    """Writes the film, unless nothing changes and the user wants no output in that case."""
+    """Writes the film, or copies the clip if nothing changes and the user wants nothing else of it."""
     warper = Warper(pipeline.request.clip, pipeline.request.options.undo)
     if warper.undo.edges == "crop":
         with closing(_watched(pipeline)) as frames:
@@ -311,7 +318,7 @@ def _write(pipeline: Pipeline, film: _Output, result: ClipOutcome, on_rate: Rate
     try:
         _write_film(pipeline, warper, film, result, on_rate)
     except _NothingChangedError:
-        result.written = False
+        _copy(pipeline, film, result)
 
 
 def _write_film(
@@ -334,7 +341,7 @@ def _write_film(
         writer = FilmWriter(container, source, clip, film.encoder, others, warper.size, start_s, on_rate)
         items = stack.enter_context(closing(pipeline.rectified(warper, all_streams=not film.into_copy)))
         _write_frames(pipeline.request, items, result, motions, writer)
-        if options.only_changed and not result.rectified:
+        if not result.rectified and (options.only_changed or film.may_be_copy):
             raise _NothingChangedError
         result.left_out = writer.left_out
         if frames is not None:

@@ -126,7 +126,7 @@ def _checked(name: str, clip: Clip) -> str:
 
 def other_encoders(pixel_format: str, but: str = "") -> str:
     """Returns the advice to choose another encoder, and names one that takes such frames."""
-    for name in ("libx264", "libx265", "prores_ks", "ffv1"):
+    for name in ("libx264", "libx265", "prores_ks", "ffv1", "libx264rgb"):
         if name != but and pixel_format in [each.name for each in av().Codec(name, "w").video_formats or []]:
             return f"choose another encoder with --codec, such as {name}"
     return "choose another encoder with --codec"

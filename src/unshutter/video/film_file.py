@@ -14,11 +14,12 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
-import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.pyav import av
+from unshutter.photo import Photo
+from unshutter.photo.photo import PREVIEW
 from unshutter.storage.files import written_whole
 from unshutter.video.clip import Clip, upright
 from unshutter.video.containers import film_of, opened, packets, time_of
@@ -127,6 +128,8 @@ class FilmWriter:
             if stream.index == film.index:
                 continue
             packet, tags = first.get(stream.index), stream.metadata
+            if stream.type == "data" and packet is None and source.chapters() and "timecode" not in tags:
+                continue  # the titles of the chapters, which the container writes again
             cover = bytes(packet) if packet is not None and stream.disposition & _COVER else None
             if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
                 self._stream.metadata["timecode"] = tags["timecode"]  # the container makes its own track from it
@@ -268,7 +271,7 @@ def fitted(encoder: Encoder, clip: Clip, ending: str) -> Encoder:
             if _takes(ending, "video", add_frame):
                 return trial
     raise UnshutterError(
-        f"{ending} films cannot hold {encoder.name} ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
+        f"cannot write {encoder.name} into {ending} films ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
         f"{other_encoders(encoder.pixel_format, encoder.name)}"
     )
 
@@ -354,16 +357,14 @@ def write_preview(path: Path, before: Clip, after: str, start_s: float | None, f
     """
     both = zip(before.iter_frames(start_s or None), Clip.look(after).iter_frames(), strict=False)
     pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
-    with written_whole(path, overwrite) as part:
-        if path.suffix.lower() in _FILMS:
-            first = islice(pairs, round(_LONGEST_S / before.interval_s))
-            with writing(part, path.suffix) as container:
-                encode_pairs(container, first, before.interval_s, "libx264", {"crf": "20", "preset": "fast"})
-        else:
-            moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
-            rows = [pair for k, pair in enumerate(pairs) if k in moments]
-            if not cv2.imwrite(str(part), np.concatenate(rows)[..., ::-1]):
-                raise UnshutterError(f"cannot write {path}")
+    if path.suffix.lower() not in _FILMS:
+        moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
+        rows = [pair for k, pair in enumerate(pairs) if k in moments]
+        Photo.from_array(np.concatenate(rows), software=PREVIEW).save(path, quality=90, overwrite=overwrite)
+        return
+    with written_whole(path, overwrite) as part, writing(part, path.suffix) as container:
+        first = islice(pairs, round(_LONGEST_S / before.interval_s))
+        encode_pairs(container, first, before.interval_s, "libx264", {"crf": "20", "preset": "fast"})
 
 
 def _small_picture(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:

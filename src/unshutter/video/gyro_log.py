@@ -1,6 +1,6 @@
 """Gyro logs: angular rates over time and the rotations that result, read from files, and their alignment with a clip.
 
-Gyroflow's .gcsv is read directly, logs of cameras and flight controllers by telemetry-parser.
+Gyroflow's .gcsv and GoPro's clips are read directly, other cameras and flight controllers by telemetry-parser.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
@@ -23,6 +24,7 @@ from unshutter.frames.tracks import Tracks
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.readout_time import ReadoutTime
 from unshutter.storage.files import check_plain
+from unshutter.video import gpmf
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Float64
@@ -171,7 +173,7 @@ def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
                 return _gcsv(place.name, text)
     except OSError as error:
         raise UnshutterError(f"cannot read gyro log {place}: {error.strerror}") from None
-    log = log_by_parser(place)
+    log = log_of_camera(place)
     if log is None:
         raise UnshutterError(f"{place}: no gyro log that can be read; Gyroflow's .gcsv logs always can")
     return log
@@ -182,8 +184,27 @@ def can_parse() -> bool:
     return find_spec("telemetry_parser") is not None
 
 
-def log_by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
-    """Reads the gyro log in a clip or a logger's file by telemetry-parser; None if there is no log or no parser."""
+def log_of_camera(path: str | os.PathLike[str]) -> GyroLog | None:
+    """Reads the gyro log in a clip or a logger's file; None if there is none, or a parser is missing.
+
+    Raises:
+        DamagedLogError: a GoPro's log has nothing that can be read.
+    """
+    with suppress(gpmf.NotPlainError, OSError):
+        telemetry = gpmf.telemetry_of(os.fspath(path))
+        if telemetry is not None:
+            return _usable("GoPro", telemetry.rates, telemetry.force)
+    return _by_parser(path)
+
+
+def _usable(origin: str, rates: np.ndarray, force: np.ndarray) -> GyroLog | None:
+    """Returns the log of times and rates [N, 4], on the clip's clock; None if it is unusable, e.g. too short."""
+    with suppress(UnshutterError):
+        return GyroLog(rates[:, 0], rates[:, 1:], origin, force, on_clip_clock=True)
+    return None
+
+
+def _by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
     try:
         telemetry_parser = import_module("telemetry_parser")
     except ImportError:
@@ -202,11 +223,8 @@ def log_by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
     if not turns:
         return None
     turned, force = np.array(turns, np.float64), np.array(forces, np.float64).reshape(-1, 4)
-    force[:, 0] /= 1000
-    try:
-        return GyroLog(turned[:, 0] / 1000, np.radians(turned[:, 1:]), name, force, on_clip_clock=True)
-    except UnshutterError:  # unusable, for example with too few samples
-        return None
+    turned[:, 0], force[:, 0], turned[:, 1:] = turned[:, 0] / 1000, force[:, 0] / 1000, np.radians(turned[:, 1:])
+    return _usable(name, turned, force)
 
 
 def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:

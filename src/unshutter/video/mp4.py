@@ -75,6 +75,16 @@ class Track:
         header = self.part(b"tkhd")
         return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
 
+    @property
+    def sample_kind(self) -> bytes:
+        """The type of the samples: ``avc1``, ``gpmd`` ..."""
+        return self.part(b"mdia", b"minf", b"stbl", b"stsd")[12:16]
+
+    def packets(self) -> list[Chunk]:
+        """Returns the samples of the track in order, as chunks of one sample; raises like :meth:`chunks`."""
+        sizes, _, _, times = self._tables()
+        return [Chunk(*each) for each in zip(times.tolist(), self.samples(), sizes.tolist(), strict=False)]
+
     def chunks(self) -> list[Chunk]:
         """Returns the chunks of the track in order."""
         sizes, per_chunk, offsets, times = self._tables()

@@ -8,7 +8,7 @@ Cameras write readout times into MP4 and QuickTime files. GoPro: SROT, in the te
 movie or of the film's track [us]. CAMM, the motion metadata of Android and street-view cameras: packets of type 1, the
 skew from the first row to the last [ns].
 
-Sources: gopro/gpmf-parser, README (GPMF's keys, lengths and values); QuickTime File Format Specification (metadata
+Sources: gopro/gpmf-parser, README (the key); QuickTime File Format Specification (metadata
 keys); Google, Camera Motion Metadata Specification 1.0; names of keys as exiftool.org lists them (facts only).
 """
 
@@ -18,7 +18,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from statistics import median
 
 import numpy as np
@@ -32,7 +32,7 @@ from unshutter.photo.boxes import inside
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras
+from unshutter.video import cameras, gpmf
 from unshutter.video.clip import ClipRequest, followed
 from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
 from unshutter.video.mp4 import Movie, NotPlainError
@@ -209,8 +209,6 @@ def too_little_to_see(request: ClipRequest, longest_ratio: float) -> Visibility 
 _MOST_CHUNKS, _LONGEST_CHUNK = 20, 1 << 22  # most chunks of a track that are read; most bytes of one
 _SHORTEST_MS, _LONGEST_MS = 0.1, 1000.0  # plausible readout times
 _APPLE_KEY = b"com.apple.quicktime.camera.framereadouttimeinmicroseconds"
-_NESTED = 0  # type of GPMF entries that hold entries
-_GPMF_NUMBERS = {b"f": ">f", b"d": ">d", b"l": ">i", b"L": ">I", b"s": ">h", b"S": ">H"}
 _CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # bytes of a packet's content, by its type
 _CAMM_EXPOSURE = 1
 _KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of floating-point values
@@ -231,10 +229,7 @@ def readout_tag(path: str) -> ReadoutTime | None:
 def is_stabilised(path: str) -> bool:
     """Whether a clip's camera states that it stabilised the clip: EISE in GoPro's settings, listed by exiftool.org."""
     with suppress(OSError, NotPlainError, KeyError, struct.error, IndexError, ValueError), open(path, "rb") as stream:
-        for name, content in Movie.read(stream).others:
-            for inner, settings in inside(content) if name == b"udta" else ():
-                if inner == b"GPMF":
-                    return any(key == b"EISE" and value[:1] == b"Y" for key, _, value in _entries(settings))
+        return gpmf.settings(Movie.read(stream)).get(b"EISE", b"")[:1] == b"Y"
     return False
 
 
@@ -275,24 +270,10 @@ def _number(data: bytes) -> float | None:
 
 
 def _gopro(movie: Movie) -> Iterator[float]:
-    for chunk in _chunks(movie, b"gpmd"):
-        for key, kind, content in _entries(chunk):
-            if key == b"SROT" and kind in _GPMF_NUMBERS:
-                yield from (float(value) for (value,) in struct.iter_unpack(_GPMF_NUMBERS[kind], content))
-
-
-def _entries(data: bytes) -> Iterator[tuple[bytes, bytes, bytes]]:
-    """Yields the entries of GPMF: a key, a type, the values; they are stored with the size and number of these."""
-    at = 0
-    while at + 8 <= len(data):
-        key, kind, size, many = data[at : at + 4], data[at + 4 : at + 5], data[at + 5], data[at + 6 : at + 8]
-        length = size * int.from_bytes(many, "big")
-        content = data[at + 8 : at + 8 + length]
-        if kind[0] == _NESTED:
-            yield from _entries(content)
-        else:
-            yield key, kind, content
-        at += 8 + length + -length % 4
+    for _, packet in islice(gpmf.packets(movie), _MOST_CHUNKS):
+        for entry in gpmf.entries(packet):
+            if entry.key == b"SROT":
+                yield from entry.numbers.ravel().tolist()
 
 
 def _camm(movie: Movie) -> Iterator[float]:
@@ -311,7 +292,7 @@ def _camm(movie: Movie) -> Iterator[float]:
 
 def _chunks(movie: Movie, kind: bytes) -> Iterator[bytes]:
     for track in movie.tracks:
-        if track.part(b"mdia", b"minf", b"stbl", b"stsd")[12:16] == kind:  # the type of its samples
+        if track.sample_kind == kind:
             for chunk in track.chunks()[:_MOST_CHUNKS]:
                 movie.stream.seek(chunk.start)
                 yield movie.stream.read(min(chunk.size, _LONGEST_CHUNK))

@@ -53,6 +53,7 @@ export const reasons = {
   "gyro-too-short": () => "the gyro log ends before the clip, or has gaps",
   "gyro-disagrees": ({ correlation }) =>
     `the picture does not follow the gyro log (correlation ${correlation.toFixed(2)}): the clip was stabilised, or the log is of another clip`,
+  "gyro-damaged": () => "it is damaged",
   "gyro-unread": () => "reading it needs the extra gyro",
   "stabilised-in-camera": () => "its camera stabilised the clip: when its rows were taken is unknown",
   "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
