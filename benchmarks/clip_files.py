@@ -142,7 +142,9 @@ def contents(path: Path) -> Counter:
 def sound_s(path: Path) -> float:
     """Length of the sound in a file [s]; decodes all of it and the film."""
     with av.open(str(path)) as film:
-        frames = [frame for frame in film.decode() if isinstance(frame, av.AudioFrame)]
+        frames = [
+            frame for frame in film.decode(*film.streams.video, *film.streams.audio) if isinstance(frame, av.AudioFrame)
+        ]
         return sum(frame.samples / frame.sample_rate for frame in frames)
 
 
