@@ -1,11 +1,11 @@
-"""How well photos that the program declines are straightened by lines that a person draws (docs/guide/by-hand.md).
+"""How well photos are straightened by lines that a person draws (docs/guide/by-hand.md).
 
-    python lab/benchmarks/drawn_lines.py FOLDER... [--photos 20]
+    python lab/benchmarks/drawn_lines.py FOLDER... [--photos 40] [--declined]
 
-Distorted photos (suite `native`) that `unshutter rectify` leaves unchanged, though more than a pixel is wrong. The
-drawn lines are simulated from the truth: the longest upright edges of the undistorted photo, apart from each other, and
-the level edge that faces the camera most; where the motion puts them, as chords of at least a third of the picture's
-rows, off by up to 0.3 degrees. Photos that show no such edges are passed over.
+Distorted photos (suite `native`), with `--declined` only those that `unshutter rectify` leaves unchanged though more
+than a pixel is wrong. The drawn lines are simulated from the truth: the longest upright edges of the undistorted photo,
+apart from each other, and the level edge that faces the camera most; where the motion puts them, as chords of at least
+a third of the picture's rows, each end off by half a pixel. Photos that show no such edges are passed over.
 """
 
 from __future__ import annotations
@@ -33,32 +33,42 @@ from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.evaluation.synthetic import Exam, Suite, SyntheticCase
 
 _DRAWS = 2  # motions of each photo
-_OFF = math.radians(0.3)  # of a drawn line, at most
+_OFF_PX = 0.5  # standard deviation of each end of a drawn line
+_COLUMNS = (
+    "unchanged",
+    *(
+        f"{lines}{what}"
+        for lines in ("1 upright", "2 upright", "2 upright, 1 level")
+        for what in ("", ": left [degrees]", ": not met")
+    ),
+)
 _SHORTEST, _APART, _EDGE = 0.35, 0.25, 0.12  # of a drawn line, between two, of an edge that is level [rows]
 _ALONG = 0.012  # sine between an edge and the direction that it runs in
 _LEAST_GAIN = -0.1  # of the lines over chance; below it, the camera is not known
 
 
 def main() -> None:
-    """Prints a row for each photo, and the medians."""
+    """Prints a row for each photo, the medians, and the largest of each column."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
-    parser.add_argument("--photos", type=int, default=20)
+    parser.add_argument("--photos", type=int, default=40)
+    parser.add_argument("--declined", action="store_true")
     arguments = parser.parse_args()
-    errors = []
-    print("| photo | unchanged | 2 upright, 1 level | 4 upright, 2 level |\n|---|---|---|---|")
-    for name, exam in _declined(arguments.folders):
-        row = _row(exam, len(errors))
+    rows = []
+    print(f"| photo | {' | '.join(_COLUMNS)} |\n|{'---|' * (len(_COLUMNS) + 1)}")
+    for name, exam in _exams(arguments.folders, arguments.declined):
+        row = _row(exam, len(rows))
         if row is not None:
-            errors.append(row)
+            rows.append(row)
             print(f"| {name} | {' | '.join(f'{each:.2f}' for each in row)} |", flush=True)
-        if len(errors) == arguments.photos:
+        if len(rows) == arguments.photos:
             break
-    print(f"| **median of {len(errors)}** | {' | '.join(f'{each:.2f}' for each in np.median(errors, axis=0))} |")
+    for name, of in ((f"median of {len(rows)}", np.median), ("largest", np.max)):
+        print(f"| **{name}** | {' | '.join(f'{each:.2f}' for each in of(rows, axis=0))} |")
 
 
-def _declined(folders: list[Path]) -> Iterator[tuple[str, Exam]]:
-    """Distorted photos that are left unchanged, of each folder in turn."""
+def _exams(folders: list[Path], declined: bool) -> Iterator[tuple[str, Exam]]:
+    """Distorted photos of each folder in turn."""
     estimator, suite = load(), Suite("native", rows=None)
     files = [sorted(path for path in folder.glob("*") if path.suffix.lower() in (".jpg", ".png")) for folder in folders]
     for draw in range(_DRAWS):
@@ -67,27 +77,31 @@ def _declined(folders: list[Path]) -> Iterator[tuple[str, Exam]]:
                 if k >= len(paths):
                     continue
                 exam = SyntheticCase(suite, folder.name, paths[k].name, paths[k], draw, 0).exam()
-                motion = chosen(find_candidates(estimator, exam.view), None)
-                if not Verdict.of(motion, Undo()).changes and _unchanged(exam) > 1:
-                    yield f"{folder.name} {paths[k].stem} {draw + 1}", exam
+                if declined:
+                    motion = chosen(find_candidates(estimator, exam.view), None)
+                    if Verdict.of(motion, Undo()).changes or _error(None, exam.truth) < 1:
+                        continue
+                yield f"{folder.name} {paths[k].stem} {draw + 1}", exam
 
 
-def _unchanged(exam: Exam) -> float:
-    return motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth).epe
+def _error(motion: Motion | None, truth: Motion) -> float:
+    """EPE [px of 256]; None: of the unchanged photo."""
+    return motion_error(motion or RowMotion.zero(truth.height, truth.width), truth).epe
 
 
 def _row(exam: Exam, seed: int) -> tuple[float, ...] | None:
-    """EPE [px of 256] unchanged, with few lines and with more; None where the photo shows no such edges."""
+    """Returns the columns for a photo; None where it shows no such edges."""
     edges = _edges(View(Photo.from_array(exam.gs), exam.view.camera, exam.view.guessed_focal_px))
     if edges is None:
         return None
     rng = np.random.default_rng(seed)
     upright, level = ([_drawn(each, kind, exam.truth, rng) for each in edges[kind]] for kind in ("upright", "level"))
-    motions = (
-        motion_of_lines(exam.photo, lines, exam.view.camera)
-        for lines in ([*upright[:2], level[0]], [*upright[:4], *level[:2]])
-    )
-    return _unchanged(exam), *(motion_error(motion, exam.truth).epe for motion in motions)
+    row = [_error(None, exam.truth)]
+    for lines in (upright[:1], upright[:2], [*upright[:2], level[0]]):
+        answer = motion_of_lines(exam.photo, lines, exam.view.camera)
+        left = [abs(angle) for angle, trouble in zip(answer.left_deg, answer.troubles, strict=True) if trouble is None]
+        row += [_error(answer.motion, exam.truth), max(left, default=0.0), sum(map(bool, answer.troubles))]
+    return tuple(row)
 
 
 def _edges(view: View) -> dict[str, list[np.ndarray]] | None:
@@ -137,9 +151,7 @@ def _drawn(ends: np.ndarray, kind: str, motion: Motion, rng: np.random.Generator
         seen = np.stack(motion.gs_to_rs(*(middle + share * (ends - middle)).T), axis=1)
         if (seen >= 0).all() and (seen <= last).all():
             break
-    angle = rng.uniform(-_OFF, _OFF)
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    seen = seen.mean(axis=0) + (seen - seen.mean(axis=0)) @ turn.T
+    seen = seen + rng.normal(0, _OFF_PX, seen.shape)
     return DrawnLine(kind, tuple(map(tuple, seen.tolist())))  # pyright: ignore[reportArgumentType]
 
 

@@ -22,6 +22,7 @@ from unshutter.single.register import load, method
 
 if TYPE_CHECKING:
     from unshutter.frames.motion_photo import FilmEvidence
+    from unshutter.single.drawn_lines import StraightenedLines
 
 
 # ---- for users ------------------------------------------------------------------------------------------
@@ -141,7 +142,7 @@ def estimate(
         return estimate_photo(source, _loaded(estimator), camera).rereferenced(row)
     check_type("lines", lines, (Sequence, os.PathLike), "a list of DrawnLine or the path of a file of lines")
     drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
-    return motion_of_lines(source, drawn, camera).rereferenced(row)
+    return motion_of_lines(source, drawn, camera).motion.rereferenced(row)
 
 
 @for_python(Camera, Undo, Find)
@@ -189,8 +190,8 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     return chosen(photo_candidates(photo, estimator, camera), camera.candidate)
 
 
-def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) -> Motion:
-    """Finds a photo's motion from lines that a person drew along things in it, with the first row as the reference."""
+def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) -> StraightenedLines:
+    """Finds the motion that straightens lines drawn along things in a photo, with the first row as the reference."""
     from unshutter.single.drawn_lines import motion_from_lines
     from unshutter.single.network import SegmentNetwork
 

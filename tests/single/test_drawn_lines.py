@@ -11,7 +11,14 @@ import unshutter
 from unshutter import DrawnLine, Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.photo import Photo
-from unshutter.single.drawn_lines import DrawnLikelihood, lines_from_json, lines_to_json, motion_from_lines
+from unshutter.single.drawn_lines import (
+    MET_DEG,
+    DrawnLikelihood,
+    Trouble,
+    lines_from_json,
+    lines_to_json,
+    motion_from_lines,
+)
 from unshutter.single.estimator import View
 
 HEIGHT, WIDTH = 300, 400
@@ -43,7 +50,7 @@ def test_two_upright_lines_and_a_level_one_straighten_a_lean(lean: float) -> Non
     truth = _motion(lean)
     uprights = [_seen(truth, "upright", [(x, 30), (x, 270)]) for x in (100, 300)]
     level = _seen(truth, "level", [(60, 150), (340, 150)])
-    found = motion_from_lines(View(_grey()), [*uprights, level])
+    found = motion_from_lines(View(_grey()), [*uprights, level]).motion
     assert found.confidence is None and found.reason is None
     assert _largest_difference(found, truth) < 0.02 * HEIGHT < _largest_difference(_motion(0), truth)
 
@@ -53,20 +60,49 @@ def test_a_bent_edge_shows_the_bend() -> None:
     bent = [_seen(truth, "straight", [(x, 5), (x, 295)], 9) for x in (120, 290)]
     uprights = [_seen(truth, "upright", [(x, 0), (x, HEIGHT - 1)]) for x in (120, 290)]
     levels = [_seen(truth, "level", [(60, y), (340, y)]) for y in (40, 150, 260)]  # nothing turned
-    without = motion_from_lines(View(_grey()), [*uprights, *levels])
-    found = motion_from_lines(View(_grey()), [*uprights, *levels, *bent])
+    without = motion_from_lines(View(_grey()), [*uprights, *levels]).motion
+    found = motion_from_lines(View(_grey()), [*uprights, *levels, *bent]).motion
     col, row = found.rs_to_gs(*np.array(bent[0].points).T)
     assert abs(col[4] - (col[0] + (row[4] - row[0]) / (row[-1] - row[0]) * (col[-1] - col[0]))) < 0.5
     assert _largest_difference(found, truth) < _largest_difference(without, truth) / 2
 
 
-def test_a_receding_level_line_turns_nothing() -> None:
-    """Its slope is perspective; the level line of old took it for a camera held askew."""
-    motionless = _motion(0)
-    uprights = [_seen(motionless, "upright", [(x, 30), (x, 270)]) for x in (100, 300)]
-    receding = DrawnLine("level", ((60, 80), (340, 140)))  # 12 degrees
-    found = motion_from_lines(View(_grey()), [*uprights, receding])
-    assert _largest_difference(found, motionless) < 0.02 * HEIGHT
+def _leans(motion: Motion, lines: list[DrawnLine]) -> list[float]:
+    """Angles between lines in the result and the vertical [degrees]."""
+    ends = [motion.rs_to_gs(*np.array(line.points).T) for line in lines]
+    return [math.degrees(math.atan2(col[-1] - col[0], row[-1] - row[0])) for col, row in ends]
+
+
+def test_sloppy_lines_leave_no_lean() -> None:
+    """Two hasty lines, 1.4 degrees apart, along a door and a wall that lean by 7: the camera is not taken for askew."""
+    points = [((106.4, 107.6), (91.0, 218.0)), ((160.8, 113.0), (148.8, 218.0))]
+    lines = [DrawnLine("upright", each) for each in points]
+    found = motion_from_lines(View(_grey(256, 256)), lines)
+    assert found.troubles == (None, None)
+    assert max(map(abs, _leans(found.motion, lines))) < 1.4
+    one = motion_from_lines(View(_grey(256, 256)), lines[:1])
+    assert abs(_leans(one.motion, lines[:1])[0]) <= MET_DEG
+
+
+def test_uprights_that_converge_meet_above_the_middle() -> None:
+    """As a tilted camera sees them: half of what they differ by is left in each, and no motion is found."""
+    uprights = [DrawnLine("upright", ((x, 270.0), (x + (199.5 - x) / 15, 30.0))) for x in (80.0, 319.0)]
+    found = motion_from_lines(View(_grey()), uprights)
+    assert found.troubles == (None, None)
+    assert _largest_difference(found.motion, _motion(0)) < 0.02 * HEIGHT
+
+
+def test_lines_that_cannot_be_met_are_named() -> None:
+    """A level line along something upright counts for nothing; one of three uprights that disagrees is left out."""
+    truth = _motion(0.08)
+    uprights = [_seen(truth, "upright", [(x, 30), (x, 270)]) for x in (60, 200, 340)]
+    across = DrawnLine("level", uprights[0].points)
+    found = motion_from_lines(View(_grey()), [*uprights, across])
+    assert found.troubles == (None, None, None, Trouble.SIDEWAYS)
+    assert found.motion == motion_from_lines(View(_grey()), uprights).motion
+    wrong = DrawnLine("upright", ((200, 30), (250, 270)))
+    found = motion_from_lines(View(_grey()), [*uprights, wrong])
+    assert found.troubles == (None, None, None, Trouble.CONTRADICTS)
 
 
 def test_derivatives() -> None:

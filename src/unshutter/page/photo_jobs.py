@@ -157,6 +157,8 @@ def after(
             pixels, result = _rectified_alone(photo, small_copy(open_file, photo, longest), motion, undo, draft)
             shape = {name: round(value, 3) for name, value in vars(Shape.of(motion)).items()}
             result |= {"shape": shape, "readout": str(motion.readout)}
+            if options.hand.lines:
+                result["lines"] = _straightened_lines(open_file, photo, asked.find, options.hand.lines)[1]
         return as_jpeg(pixels, photo.orientation), {"edges": None, "whole": None, "crop": None, **result}
 
 
@@ -263,7 +265,7 @@ def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) ->
 
     asked = options.rectify
     if options.hand.lines:
-        motion = _motion_of_lines(open_file, photo, asked.find, options.hand.lines)
+        motion, _ = _straightened_lines(open_file, photo, asked.find, options.hand.lines)
     else:
         motion = chosen(_candidates_of(open_file, photo, asked.find), asked.find.camera.candidate)
     if not options.hand:
@@ -319,15 +321,17 @@ def _candidates_file(open_file: OpenFile, find: Find) -> Path:
 # ---- by hand -----------------------------------------------------------------------------------------------------
 
 
-def _motion_of_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> Motion:
-    """Estimates the motion from drawn lines, and caches it for adjustment with the sliders."""
+def _straightened_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Motion, list[str | None]]:
+    """Returns the motion that straightens drawn lines and the trouble with each line, cached for the sliders."""
     from unshutter.api import motion_of_lines
     from unshutter.motion import Motion
 
     file = open_file.path.with_name(f"lines-{digest(find, text)}.json")
     if not file.exists():
-        put_text(file, motion_of_lines(photo, _lines(text, photo), find.camera).to_json())
-    return Motion.from_json(file.read_text(encoding="utf-8"))
+        found = motion_of_lines(photo, _lines(text, photo), find.camera)
+        put_text(file, json.dumps({"motion": found.motion.to_json(), "troubles": found.troubles}))
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    return Motion.from_json(kept["motion"]), kept["troubles"]
 
 
 def _lines(text: str, photo: Photo) -> list[DrawnLine]:

@@ -151,7 +151,12 @@ def _estimate_as_text(ahead: PhotoAhead, source: Place, request: Estimate, tell:
         from unshutter.api import motion_of_lines
         from unshutter.single.drawn_lines import read_lines
 
-        motion = motion_of_lines(photo, read_lines(request.lines), request.find.camera)
+        lines = read_lines(request.lines)
+        straightened = motion_of_lines(photo, lines, request.find.camera)
+        motion = straightened.motion
+        for number, (line, trouble) in enumerate(zip(lines, straightened.troubles, strict=True), 1):
+            if trouble:
+                tell(f"{source}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
     motion = motion.rereferenced(request.reference)
     verdict = Verdict.of(motion, Undo())
     if motion.reason:

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -27,7 +28,6 @@ from unshutter.single.estimator import View
 from unshutter.single.likelihood import (
     STARTS,
     WIDEST_ASPECT,
-    AngleResiduals,
     EndPoints,
     ManhattanLikelihood,
     known_camera,
@@ -45,7 +45,6 @@ from unshutter.single.prior import (
     MotionKind,
     SecondOpinion,
     shipped,
-    two_gaussians,
 )
 from unshutter.single.search import PX, descend, displacement
 from unshutter.storage.files import read_text
@@ -120,162 +119,205 @@ def _points(points: Any) -> tuple[tuple[float, float], ...]:
     return tuple((float(col), float(row)) for col, row in points)
 
 
-# ---- their evidence ------------------------------------------------------------------------------------
+# ---- as constraints ------------------------------------------------------------------------------------
 
 # Measured on a separate set of photos (val/), as docs/guide/by-hand.md shows.
+MET_DEG = 0.3  # a line that is this close to its direction in the result is met
 _SIGMA_ANGLE = 0.0025  # of a drawn direction [rad],
-_SIGMA_END = 0.001  # of its ends [rows],
-_SIGMA_BEND = 0.002  # and of the points of a straight line [rows]
-_FACING = 0.6  # share of level lines on surfaces that face the camera,
-_SIGMA_FACING, _SIGMA_RECEDING = math.radians(1), math.radians(12)  # and slopes of these and of other lines
-_OTHER_STREET = 0.05  # share of level lines along neither of the two horizontal directions
-_LEAST_LENGTH = 0.01  # of a piece of a line [rows]: shorter ones have no usable direction
+_SIGMA_BEND = 0.002  # and of the points of a line [rows]
+_ASKEW = math.radians(0.25)  # of the camera, at most: lines stay within MET_DEG
+_SLACK = 0.01  # of their variance: in the result they are met almost exactly
+_STEEPEST, _MOST_TURN = math.radians(35), math.radians(45)  # tilt that lines show; turn of a line by the motion
+_FARTHEST = 4.5  # standard deviations of a motion that lines show
+_LEAST_LENGTH = 0.01  # of a line [rows]
 _STEP = 1e-6  # of numerical derivatives
 
-Expansion: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]  # energy [S], gradient [S, 10], Hessian [S, 10, 10]
 
+class Directions:
+    """Angles between lines in the result and the directions that they are to have there.
 
-class Pieces:
-    """Pieces of lines with a known direction: upright, or along one of the two horizontal directions.
+    Upright lines run to the vertical vanishing point of a camera with this tilt and roll, level ones across it. A
+    straight line may have any direction.
 
-    ``turn`` is the roll [rad] of a camera held upright.
+    Args:
+        lines: [2 or more, 2] points of each line, centred, in rows.
+        turn: roll [rad] of a camera held upright.
     """
 
-    def __init__(self, lines: Sequence[np.ndarray], turn: float, vertical: bool):
+    def __init__(self, lines: Sequence[np.ndarray], kinds: Sequence[LineKind], turn: float):
+        ends = np.array([points[[0, -1]] for points in lines])
+        self._ends = EndPoints(ends[:, 0]), EndPoints(ends[:, 1])
+        self._level = np.array([kind == "level" for kind in kinds])
+        self._directed = np.array([kind != "straight" for kind in kinds])
         self._turn = turn
-        begin = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in lines)])
-        end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in lines)])
-        length = np.hypot(*(end - begin).T)
-        kept = length > _LEAST_LENGTH
-        self._ends = EndPoints(begin[kept]), EndPoints(end[kept])
-        sigma = np.hypot(_SIGMA_ANGLE, _SIGMA_END / length[kept])
-        self._precision = 1 / sigma**2
-        self._points_of = slice(0, 1) if vertical else slice(1, 3)
-        share = 1.0 if vertical else (1 - _OTHER_STREET) / 2
-        self._peak = share / (sigma * math.sqrt(2 * math.pi))
-        self._anywhere = 0.0 if vertical else _OTHER_STREET / math.pi
 
-    def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """Expands the energy of the pieces' angles to the vanishing points, measured by their sines."""
-        residuals = AngleResiduals(self._ends, unknowns, self._turn)
-        energy, precision = self._weighed(residuals)
-        sine, J = residuals.sine[:, self._points_of], residuals.jacobian()[:, :, self._points_of]
-        return energy, *_normal_equations(J, sine, precision)
-
-    def _weighed(self, residuals: AngleResiduals) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the energy E [S], and the precision W [S, 1 or 2, N] in dE/dsine = W sine."""
-        exponent = -0.5 * residuals.sine[:, self._points_of] ** 2 * self._precision
-        highest = exponent.max(axis=1, keepdims=True) if not self._anywhere else np.zeros(1)
-        density = self._peak * np.exp(exponent - highest)
-        total = density.sum(axis=1) + self._anywhere
-        energy = -(np.log(total) + np.squeeze(highest, axis=1) if not self._anywhere else np.log(total))
-        return energy.sum(axis=-1), density / total[:, None] * self._precision
+    def angles(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, N] angles [rad], from -pi / 2 to pi / 2."""
+        one, other = (end.rectified(unknowns[:, MOTION]) for end in self._ends)
+        roll = self._turn + unknowns[:, ROLL, None]
+        # from the middle of a line to the vanishing point, divided by f cos(tilt)
+        converging = np.tan(unknowns[:, TILT, None]) / np.exp(unknowns[:, LOG_FOCAL, None]) / 2
+        x = np.where(self._level, np.cos(roll), -np.sin(roll) + converging * (one.col + other.col))
+        y = np.where(self._level, np.sin(roll), np.cos(roll) + converging * (one.row + other.row))
+        angle = np.arctan2(other.row - one.row, other.col - one.col) - np.arctan2(y, x)
+        return ((angle + math.pi / 2) % math.pi - math.pi / 2) * self._directed
 
 
 class Bends:
-    """Distances of the points of straight lines from the chords between their ends."""
+    """Distances of the inner points of lines from the chords between their ends."""
 
     def __init__(self, lines: Sequence[np.ndarray]):
-        self._lines = [
-            (
-                EndPoints(points[1:-1]),
-                EndPoints(points[[0] * (len(points) - 2)]),
-                EndPoints(points[[-1] * (len(points) - 2)]),
-            )
-            for points in lines
-        ]
+        inner = [len(points) - 2 for points in lines]
+        self._inner = EndPoints(np.concatenate([points[1:-1] for points in lines]))
+        self._ends = [EndPoints(np.repeat([points[k] for points in lines], inner, axis=0)) for k in (0, -1)]
+        self.line = np.repeat(np.arange(len(lines)), inner)  # that a point is of
 
-    def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """Expands the energy of the inner points' distances from the chords."""
-        offsets, J = self._offsets(unknowns), _differences(self._offsets, unknowns)
-        precision = np.full_like(offsets, 1 / _SIGMA_BEND**2)
-        energy = 0.5 * (offsets**2 * precision).sum(axis=-1)
-        return energy, *_normal_equations(J, offsets, precision)
-
-    def _offsets(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, N] distances of all inner points from their chords [rows]."""
-        offsets = [np.zeros((len(unknowns), 0))]
-        for inner, begin, end in self._lines:
-            point, one, other = (each.rectified(unknowns[:, MOTION]) for each in (inner, begin, end))
-            dx, dy = other.col - one.col, other.row - one.row
-            across = dx * (point.row - one.row) - dy * (point.col - one.col)
-            offsets.append(across / np.maximum(np.hypot(dx, dy), _LEAST_LENGTH))
-        return np.concatenate(offsets, axis=1)
-
-
-class Facing:
-    """Slopes of level lines relative to the camera's roll, which are small on surfaces that face the camera."""
-
-    def __init__(self, lines: Sequence[np.ndarray], turn: float):
-        self._ends = [(EndPoints(points[:1]), EndPoints(points[-1:])) for points in lines]
-        self._turn = turn
-
-    def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """Expands the energy of the slopes, modelled by a mixture of two Gaussians."""
-        slopes, J = self._slopes(unknowns), _differences(self._slopes, unknowns)
-        energy, precision = two_gaussians(slopes, _SIGMA_FACING, _SIGMA_RECEDING, rare_share=1 - _FACING)
-        return energy.sum(axis=-1), *_normal_equations(J, slopes, precision)
-
-    def _slopes(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, N] angles between lines and the horizontal of a camera with this roll [rad]."""
-        slopes = [np.zeros((len(unknowns), 0))]
-        for begin, end in self._ends:
-            one, other = begin.rectified(unknowns[:, MOTION]), end.rectified(unknowns[:, MOTION])
-            angle = np.arctan2(other.row - one.row, other.col - one.col) - unknowns[:, ROLL, None] - self._turn
-            slopes.append((angle + math.pi / 2) % math.pi - math.pi / 2)
-        return np.concatenate(slopes, axis=1)
-
-
-def _differences(residuals: Callable[[np.ndarray], np.ndarray], unknowns: np.ndarray) -> np.ndarray:
-    """[S, 10, N] derivative of residuals [S, N] that depend only on motion and roll."""
-    at = residuals(unknowns)
-    J = np.zeros((len(unknowns), UNKNOWNS, at.shape[1]))
-    for k in (*range(UNKNOWNS)[MOTION], ROLL):
-        changed = unknowns.copy()
-        changed[:, k] += _STEP
-        J[:, k] = (residuals(changed) - at) / _STEP
-    return J
-
-
-def _normal_equations(J: np.ndarray, residual: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J^T W r [S, 10] and J^T W J [S, 10, 10], where J is [S, 10, ...], r and W are [S, ...]."""
-    count, each = len(J), residual[0].size  # may be 0
-    flat = J.reshape(count, UNKNOWNS, each)
-    weighted = flat * precision.reshape(count, 1, each)
-    return (weighted @ residual.reshape(count, each, 1))[..., 0], weighted @ flat.transpose(0, 2, 1)
+    def offsets(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, P] distances of all inner points [rows]."""
+        point, one, other = (each.rectified(unknowns[:, MOTION]) for each in (self._inner, *self._ends))
+        dx, dy = other.col - one.col, other.row - one.row
+        across = dx * (point.row - one.row) - dy * (point.col - one.col)
+        return across / np.maximum(np.hypot(dx, dy), _LEAST_LENGTH)
 
 
 NAME = "drawn-lines"  # estimator name of these motions
-_ROLLS, _TILTS = np.radians([-3, 0, 3]), np.radians([-8, 0, 8, 18, 32])  # of starting poses
-_LOG_FOCALS, _YAWS = np.array([-0.35, 0.25]), np.arange(9) * (math.pi / 2 / 9)
-_POSES, _FIRST_STEPS, _FOLLOWED = 2, 10, 8  # per motion and roll; of all poses; best ones that continue
 # a broad prior on the motion: lines were drawn because they show it
 _ANY_MOTION = MotionKind("any", np.diag([0.06, 0.08, 0.01, 0.07, 0.06, 0.01]) ** 2, NORMAL, 1.0)
 
 
-def motion_from_lines(view: View, lines: Sequence[DrawnLine], network: SegmentNetwork | None = None) -> Motion:
-    """Estimates the motion from drawn lines, the photo's segments and a network; first row as the reference.
+class DrawnLikelihood(ManhattanLikelihood):
+    """The likelihood of a photo's segments [N, 4], found in a picture of this (height, width), and of drawn lines."""
 
-    Its confidence is None, because a person has decided.
+    def __init__(
+        self,
+        view: View,
+        segments: np.ndarray,
+        size: tuple[int, int],
+        lines: Sequence[DrawnLine],
+        opinion: SecondOpinion | None = None,
+    ):
+        known = known_camera(view)
+        super().__init__(segments, size[0], size[1] / size[0], known=known, opinion=opinion, kinds=[_ANY_MOTION])
+        drawn = [_in_rows(line, view) for line in lines]
+        self.directions = Directions(drawn, [line.kind for line in lines], self._turn)
+        self._bends = Bends(drawn)
+
+    def residuals(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, M] how far lines are from what they are to be, in standard deviations."""
+        angles, offsets = self.directions.angles(unknowns), self._bends.offsets(unknowns)
+        return np.concatenate([angles / _SIGMA_ANGLE, offsets / _SIGMA_BEND], axis=1)
+
+    def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, 10, M] derivative of the residuals, which do not depend on the yaw."""
+        at = self.residuals(unknowns)
+        J = np.zeros((len(unknowns), UNKNOWNS, at.shape[1]))
+        for k in (*range(UNKNOWNS)[MOTION], ROLL, TILT, LOG_FOCAL):
+            changed = unknowns.copy()
+            changed[:, k] += _STEP
+            J[:, k] = (self.residuals(changed) - at) / _STEP
+        return J
+
+    def energy(self, unknowns: np.ndarray) -> np.ndarray:
+        """Returns the energy of unknowns: [S, 10] -> [S]."""
+        return super().energy(unknowns) + 0.5 * (self.residuals(unknowns) ** 2).sum(axis=-1)
+
+    def expanded(
+        self, unknowns: np.ndarray, kind: np.ndarray | None = None, camera_only: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10]."""
+        energy, gradient, hessian = super().expanded(unknowns, kind, camera_only)
+        at, J = self.residuals(unknowns), self.jacobian(unknowns)
+        energy, gradient = energy + 0.5 * (at**2).sum(axis=-1), gradient + (J @ at[..., None])[..., 0]
+        return energy, gradient, hessian + J @ J.transpose(0, 2, 1)
+
+
+# ---- the motion that they show ---------------------------------------------------------------------------
+
+
+class Trouble(StrEnum):
+    """Why a line does not run in the result as it was drawn to."""
+
+    sentence: str
+
+    def __new__(cls, word: str, sentence: str) -> Trouble:
+        """Creates a trouble, whose value is its word."""
+        member = str.__new__(cls, word)
+        member._value_, member.sentence = word, sentence
+        return member
+
+    SIDEWAYS = "sideways", "it runs across the direction that it is to have, and was not used"
+    CONTRADICTS = "contradicts", "no plausible motion straightens it along with the other lines"
+
+
+@dataclass(frozen=True)
+class StraightenedLines:
+    """The motion that drawn lines show."""
+
+    motion: Motion  # first row as the reference; its confidence is None, because a person has decided
+    troubles: tuple[Trouble | None, ...]  # of each line; None: in the result it is within ``MET_DEG`` of its direction
+    left_deg: tuple[
+        float, ...
+    ] = ()  # of each line: angle between it in the result and the direction that it is to have
+
+
+def motion_from_lines(
+    view: View, lines: Sequence[DrawnLine], network: SegmentNetwork | None = None
+) -> StraightenedLines:
+    """Finds a likely motion that straightens drawn lines, given the photo's segments and a network.
+
+    The posterior, in which the camera may have been held askew, is changed by the least that makes upright lines meet
+    in the vanishing point of a camera held upright, and level ones level. If no plausible motion does that, the worst
+    lines are left out one by one, and the last two are met as closely as possible.
     """
     lines = checked_lines(lines)
     if max(view.width / view.height, view.height / view.width) > WIDEST_ASPECT:
-        return view.no_motion(NAME, Reason.of(Code.TOO_LONG, aspect=WIDEST_ASPECT))
+        motion = view.no_motion(NAME, Reason.of(Code.TOO_LONG, aspect=WIDEST_ASPECT))
+        return StraightenedLines(motion, (None,) * len(lines))
     segments, size = segments_of(view)
-    starts, opinion = list(STARTS), None
+    starts, opinion = [np.zeros(6), *STARTS], None
     if network is not None and len(segments):
         answer = network.coefficients(segments, view.up).ravel()
         errors = shipped().network_errors
         precision = _without_shear(errors.precision(PX * displacement(answer)))
         opinion = SecondOpinion(answer, precision, errors.freedom)
         starts = [answer, *starts]
-    likelihood = DrawnLikelihood(view, segments, size, lines, opinion)
-    motion = _posterior_mean(likelihood, [np.zeros(6), *starts])
-    return view.cubic_motion(motion.reshape(2, 3), NAME)
+    every = DrawnLikelihood(view, segments, size, lines, opinion)
+    usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < _MOST_TURN
+    used, fit = usable, every.prior.mean[None]
+    while used.any():
+        likelihood = DrawnLikelihood(view, segments, size, [lines[k] for k in np.flatnonzero(used)], opinion)
+        fit = _onto_lines(likelihood, _posterior_mean(likelihood, starts))
+        upright = fit * (np.arange(UNKNOWNS) != ROLL)
+        off = np.abs(every.directions.angles(upright)[0])
+        met = off <= math.radians(MET_DEG)
+        if (met[used].all() and _plausible(fit[0])) or used.sum() <= 2:
+            break
+        used = used & (np.arange(len(lines)) != np.argmax(off * used))
+    angles = every.directions.angles(fit * (np.arange(UNKNOWNS) != ROLL))[0]
+    troubles = [
+        Trouble.SIDEWAYS if not usable[k] else Trouble.CONTRADICTS if abs(math.degrees(angle)) > MET_DEG else None
+        for k, angle in enumerate(angles)
+    ]
+    motion = view.cubic_motion(fit[0, MOTION].reshape(2, 3), NAME)
+    return StraightenedLines(motion, tuple(troubles), tuple(np.degrees(angles).tolist()))
+
+
+def _plausible(unknowns: np.ndarray) -> bool:
+    """Whether a hand-held camera moves like that, and is tilted that far."""
+    motion = unknowns[MOTION]
+    return float(motion @ _ANY_MOTION.precision @ motion) < _FARTHEST**2 and abs(float(unknowns[TILT])) < _STEEPEST
+
+
+_ROLLS, _TILTS = np.radians([-3, 0, 3]), np.radians([-8, 0, 8, 18, 32])  # of starting poses
+_LOG_FOCALS, _YAWS = np.array([-0.35, 0.25]), np.arange(9) * (math.pi / 2 / 9)
+_POSES, _FIRST_STEPS, _FOLLOWED = 2, 10, 8  # per motion and roll; of all poses; best ones that continue
+_CHANGED = np.array([*range(UNKNOWNS)[MOTION], TILT])  # unknowns that straighten lines
+_READILY = np.array([0.06, 0.03, 0.003, 0.02, 0.01, 0.001, 0.1])  # how much of each: shear rather than bend and turn
+_ONTO_LINES = 5  # steps
 
 
 def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) -> np.ndarray:
-    """Returns [6] coefficients of the posterior mean over the optima reached from the starting motions.
+    """Returns the mean [1, 10] of the posterior over the optima reached from the starting motions.
 
     Poses are searched more widely than without lines, including roll, because lines may show a camera held askew.
     """
@@ -295,44 +337,17 @@ def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) 
     optima, energy, hessian = descend(likelihood, tried[np.argsort(energy)[:_FOLLOWED]], everything)
     evidence = -energy - 0.5 * np.linalg.slogdet(hessian)[1]
     weight = np.exp(evidence - evidence.max())
-    return weight @ optima[:, MOTION] / weight.sum()
+    return (weight @ optima / weight.sum())[None]
 
 
-class DrawnLikelihood(ManhattanLikelihood):
-    """The likelihood of a photo's segments and of lines drawn by a person."""
-
-    def __init__(
-        self,
-        view: View,
-        segments: np.ndarray,
-        size: tuple[int, int],
-        lines: Sequence[DrawnLine],
-        opinion: SecondOpinion | None = None,
-    ):
-        known = known_camera(view)
-        super().__init__(segments, size[0], size[1] / size[0], known=known, opinion=opinion, kinds=[_ANY_MOTION])
-        drawn = [(line.kind, _in_rows(line, view)) for line in lines]
-        upright, level, straight = ([points for kind, points in drawn if kind == each] for each in get_args(LineKind))
-        self._parts = (
-            Pieces(upright, self._turn, vertical=True),
-            Pieces(level, self._turn, vertical=False),
-            Facing(level, self._turn),
-            Bends(straight),
-        )
-
-    def energy(self, unknowns: np.ndarray) -> np.ndarray:
-        """Returns the energy of unknowns: [S, 10] -> [S]."""
-        return super().energy(unknowns) + sum(part.expanded(unknowns)[0] for part in self._parts)
-
-    def expanded(
-        self, unknowns: np.ndarray, kind: np.ndarray | None = None, camera_only: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10]."""
-        energy, gradient, hessian = super().expanded(unknowns, kind, camera_only)
-        for part in self._parts:
-            part_energy, part_gradient, part_hessian = part.expanded(unknowns)
-            energy, gradient, hessian = energy + part_energy, gradient + part_gradient, hessian + part_hessian
-        return energy, gradient, hessian
+def _onto_lines(likelihood: DrawnLikelihood, unknowns: np.ndarray) -> np.ndarray:
+    """Changes motion and tilt [1, 10] by the least that straightens the lines in the picture of an upright camera."""
+    unknowns, scale = unknowns.copy(), np.diag(_READILY**2)
+    unknowns[:, ROLL] = np.clip(unknowns[:, ROLL], -_ASKEW, _ASKEW)
+    for _ in range(_ONTO_LINES):
+        at, J = likelihood.residuals(unknowns)[0], likelihood.jacobian(unknowns)[0, _CHANGED]
+        unknowns[0, _CHANGED] -= scale @ J @ np.linalg.solve(J.T @ scale @ J + _SLACK * np.eye(len(at)), at)
+    return unknowns
 
 
 def _without_shear(precision: np.ndarray) -> np.ndarray:

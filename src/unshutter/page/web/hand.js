@@ -37,11 +37,13 @@ export class ByHand {
   show(photo) {
     if (photo !== this.photo) this.#pick(null);
     this.photo = photo;
-    this.lines.show(photo.lines);
+    const troubles = photo.lineTroubles;
+    this.lines.show(photo.lines, troubles);
     const numbers = {};
     refill(this.list, photo.lines.map(({ kind }, k) => {
       numbers[kind] = (numbers[kind] ?? 0) + 1;
-      return make("li", { class: kind }, `${words.lineOf[kind]} ${numbers[kind]}`, make("button", { type: "button",
+      const trouble = troubles[k] ? [make("span", { class: "wrong" }, words.lineTrouble[troubles[k]])] : [];
+      return make("li", { class: kind }, `${words.lineOf[kind]} ${numbers[kind]}`, ...trouble, make("button", { type: "button",
         "aria-label": words.lineRemove(words.lineOf[kind], numbers[kind]), onclick: () => this.lines.remove(k) }, "×"));
     }));
     for (const { name, show } of this.sliders) show(photo.hand[SLIDERS[name].option] ?? photo.result?.shape?.[SLIDERS[name].start] ?? 0, !photo.result?.shape);

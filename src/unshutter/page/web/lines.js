@@ -14,6 +14,7 @@ export class Lines {
   #kind = null;
   #list = [];
   #segments = [];
+  #troubles = [];
 
   // stage: on which they are drawn; changed: called when a line was drawn, moved or removed.
   constructor(stage, changed) {
@@ -24,9 +25,10 @@ export class Lines {
     stage.frame.append(this.svg, this.handles);
   }
 
-  // Shows a photo's lines: [{kind, points: [[x, y], ...]}, ...], which it changes.
-  show(list) {
+  // Shows a photo's lines: [{kind, points: [[x, y], ...]}, ...], which it changes, and the trouble with each of them.
+  show(list, troubles = []) {
     this.#list = list;
+    this.#troubles = troubles;
     this.#draw();
   }
 
@@ -123,9 +125,10 @@ export class Lines {
   // All lines, and the one that is being drawn.
   #draw(another = null) {
     const lines = another ? [...this.#list, another] : this.#list;
-    this.svg.replaceChildren(...lines.flatMap(({ kind, points }) => {
+    this.svg.replaceChildren(...lines.flatMap(({ kind, points }, k) => {
       const at = points.map((point) => point.join(",")).join(" ");
-      return [draw("polyline", { class: "edge", points: at }), draw("polyline", { class: kind, points: at })];
+      const unmet = this.#troubles[k] ? " unmet" : "";
+      return [draw("polyline", { class: `edge${unmet}`, points: at }), draw("polyline", { class: kind, points: at })];
     }));
     this.#drawEnds();
   }

@@ -75,6 +75,11 @@ export class Photo extends Opened {
     return this.lines.length > 0 || Object.keys(this.hand).length > 0;
   }
 
+  // Why each line stays askew, as far as the answer is about these lines.
+  get lineTroubles() {
+    return this.result?.lines?.length === this.lines.length ? this.result.lines : [];
+  }
+
   // Whether the neighbours do.
   get between() {
     return Object.keys(this.neighbours).length > 0 && !this.neighbourError && !this.byHand && this.options.strength !== "0";
