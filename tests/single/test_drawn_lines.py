@@ -100,6 +100,10 @@ def test_lines_that_cannot_be_met_are_named() -> None:
     found = motion_from_lines(View(_grey()), [*uprights, across])
     assert found.troubles == (None, None, None, Trouble.SIDEWAYS)
     assert found.motion == motion_from_lines(View(_grey()), uprights).motion
+    receding = DrawnLine("level", ((60, 80), (340, 140)))  # 12 degrees: no camera turns like that
+    found = motion_from_lines(View(_grey()), [*uprights, receding])
+    assert found.troubles == (None, None, None, Trouble.CONTRADICTS)
+    assert motion_from_lines(View(_grey()), [receding]).troubles == (Trouble.CONTRADICTS,)
     wrong = DrawnLine("upright", ((200, 30), (250, 270)))
     found = motion_from_lines(View(_grey()), [*uprights, wrong])
     assert found.troubles == (None, None, None, Trouble.CONTRADICTS)

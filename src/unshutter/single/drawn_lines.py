@@ -46,7 +46,7 @@ from unshutter.single.prior import (
     SecondOpinion,
     shipped,
 )
-from unshutter.single.search import PX, descend, displacement
+from unshutter.single.search import PX, bend, descend, displacement
 from unshutter.storage.files import read_text
 
 LineKind: TypeAlias = Literal["upright", "level", "straight"]
@@ -128,7 +128,7 @@ _SIGMA_BEND = 0.002  # and of the points of a line [rows]
 _ASKEW = math.radians(0.25)  # of the camera, at most: lines stay within MET_DEG
 _SLACK = 0.01  # of their variance: in the result they are met almost exactly
 _STEEPEST, _MOST_TURN = math.radians(35), math.radians(45)  # tilt that lines show; turn of a line by the motion
-_FARTHEST = 4.5  # standard deviations of a motion that lines show
+_FARTHEST, _MOST_BENT_PX = 4.5, 3.0  # standard deviations of a motion that lines show; bend that they add [px of 256]
 _LEAST_LENGTH = 0.01  # of a line [rows]
 _STEP = 1e-6  # of numerical derivatives
 
@@ -283,17 +283,21 @@ def motion_from_lines(
         starts = [answer, *starts]
     every = DrawnLikelihood(view, segments, size, lines, opinion)
     usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < _MOST_TURN
-    used, fit = usable, every.prior.mean[None]
+    level = np.array([line.kind == "level" for line in lines])
+    used, fit, upright = usable, every.prior.mean[None], np.arange(UNKNOWNS) != ROLL
     while used.any():
         likelihood = DrawnLikelihood(view, segments, size, [lines[k] for k in np.flatnonzero(used)], opinion)
-        fit = _onto_lines(likelihood, _posterior_mean(likelihood, starts))
-        upright = fit * (np.arange(UNKNOWNS) != ROLL)
-        off = np.abs(every.directions.angles(upright)[0])
-        met = off <= math.radians(MET_DEG)
-        if (met[used].all() and _plausible(fit[0])) or used.sum() <= 2:
+        mean = _posterior_mean(likelihood, starts)
+        fit = _onto_lines(likelihood, mean)
+        met = np.abs(every.directions.angles(fit * upright)[0]) <= math.radians(MET_DEG)
+        plausible = _plausible(fit[0], mean[0])
+        doubtful = used & level if (used & level).any() else used  # a level line may recede
+        if (met[used].all() and plausible) or used.sum() == 1 or (doubtful is used and used.sum() == 2):
+            fit = fit if plausible else mean
             break
-        used = used & (np.arange(len(lines)) != np.argmax(off * used))
-    angles = every.directions.angles(fit * (np.arange(UNKNOWNS) != ROLL))[0]
+        worst = np.argmax(np.abs(every.directions.angles(mean * upright)[0]) * doubtful)
+        used = used & (np.arange(len(lines)) != worst)
+    angles = every.directions.angles(fit * upright)[0]
     troubles = [
         Trouble.SIDEWAYS if not usable[k] else Trouble.CONTRADICTS if abs(math.degrees(angle)) > MET_DEG else None
         for k, angle in enumerate(angles)
@@ -302,10 +306,11 @@ def motion_from_lines(
     return StraightenedLines(motion, tuple(troubles), tuple(np.degrees(angles).tolist()))
 
 
-def _plausible(unknowns: np.ndarray) -> bool:
-    """Whether a hand-held camera moves like that, and is tilted that far."""
-    motion = unknowns[MOTION]
-    return float(motion @ _ANY_MOTION.precision @ motion) < _FARTHEST**2 and abs(float(unknowns[TILT])) < _STEEPEST
+def _plausible(unknowns: np.ndarray, mean: np.ndarray) -> bool:
+    """Whether a hand-held camera moves like that and is tilted that far, and the photo allows the bend."""
+    motion, tilt = unknowns[MOTION], abs(float(unknowns[TILT]))
+    far2 = float(motion @ _ANY_MOTION.precision @ motion)
+    return far2 < _FARTHEST**2 and tilt < _STEEPEST and PX * bend(motion - mean[MOTION]) < _MOST_BENT_PX
 
 
 _ROLLS, _TILTS = np.radians([-3, 0, 3]), np.radians([-8, 0, 8, 18, 32])  # of starting poses
