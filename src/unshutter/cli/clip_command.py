@@ -115,6 +115,10 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         yield _steady_line(outcome.stabilisation)
     if outcome.ratio.declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
         yield "unshutter: to straighten it nevertheless, say how long its camera takes for a frame: --readout-ms"
+    if outcome.lens is not None and outcome.rectified:
+        sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
+        view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
+        yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}"
     if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:

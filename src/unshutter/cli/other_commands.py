@@ -189,10 +189,15 @@ class Cameras:
 
 
 def _cameras(arguments: Cameras) -> int:
-    """Prints the list of cameras."""
-    from unshutter.video.cameras import as_text, listed
+    """Prints the list of cameras; with a word, also that of their lenses."""
+    from unshutter.video import cameras, lenses
 
-    print(as_text(listed(" ".join(arguments.word))))
+    word = " ".join(arguments.word)
+    known = lenses.named_lenses(word) if word else []
+    if not known or any(cameras.is_named(mode.name, word) for mode in cameras.table()):
+        print(cameras.as_text(cameras.listed(word)))
+    if known:
+        print("\nlenses, from corner to corner:\n" + lenses.as_text(known))
     return 0
 
 
@@ -200,7 +205,7 @@ CAMERAS = Command(
     """List the cameras whose readout time is known: camera and lens, frame size and rate, readout time.
 
 `unshutter video --camera NAME` takes these times. They come from Gyroflow's lens profiles (CC0), where users share
-what they measured.""",
+what they measured. With a word, the lenses of these cameras are listed, too.""",
     Cameras,
     _cameras,
 )

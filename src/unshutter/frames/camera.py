@@ -29,6 +29,7 @@ import numpy as np
 
 from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
+from unshutter.motion.lens import Lens
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Bool, Float64
@@ -186,7 +187,8 @@ class Problem:
     @cached_property
     def _jacobian(self) -> np.ndarray:
         """[pairs, most, 2, 4] displacement of each track for a rotation of 1 / focal length."""
-        return turn_jacobian(self._ends.mean(axis=0), self.pairs[0].width * self._unit, self.focal_px)
+        first = self.pairs[0]
+        return turn_jacobian(self._ends.mean(axis=0), first.width * self._unit, self.focal_px, first.lens)
 
     def _equations(self, ratio: float) -> TurnEquations:
         since = self._taken - np.floor(self._taken[:, :1])
@@ -320,7 +322,7 @@ def track_jacobian(
     """Returns the :func:`turn_jacobian` half way along each track, and the track's displacement [px of ROWS rows]."""
     unit = ROWS / tracks.height
     start, end = (tracks.start + 0.5) * unit, (tracks.end + 0.5) * unit
-    return turn_jacobian((start + end) / 2, tracks.width * unit, focal_px), end - start
+    return turn_jacobian((start + end) / 2, tracks.width * unit, focal_px, tracks.lens), end - start
 
 
 def padded_ends(
@@ -335,15 +337,21 @@ def padded_ends(
 
 
 def turn_jacobian(
-    at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float
+    at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float, lens: Lens | None = None
 ) -> Float64[np.ndarray, "*points 2 4"]:
     """Returns the displacement of points for a rotation of 1 / focal length about each axis, and for scale.
 
     Args:
         at: the points (col, row) [px of ROWS rows].
         width: width of the picture [px of ROWS rows].
+        lens: the lens, if it bends straight lines.
     """
     x, y = np.moveaxis((at - [width / 2, ROWS / 2]) / focal_px, -1, 0)
+    if lens is not None:
+        x, y, z = lens.direction(x, y)
+        none = np.zeros_like(x)
+        moved = np.stack([np.stack(each) for each in ((none, -z, y), (z, none, -x), (-y, x, none), (x, y, none))])
+        return np.einsum("ij...,kj...->...ik", np.array(lens.slopes(x, y, z)), moved)
     columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
     rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
     return np.stack([columns, rows], axis=-2)

@@ -17,6 +17,7 @@ from unshutter.frames.camera import ROWS, Fit, turn_between, turn_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.lens import Lens
 from unshutter.options import Reference, check_ratio
 from unshutter.orientation import Readout
 from unshutter.reasons import Code, Reason
@@ -115,6 +116,7 @@ class FrameMotion:
     after: float = 1.0  # time since the previous frame [frame intervals]
     tracks: Tracks | None = None  # from the previous frame, if the whole path is requested; otherwise None
     focal: float | None = None  # focal length [px of ROWS rows], if known without a fit
+    lens: Lens | None = None  # the camera's lens, if it bends straight lines
 
     @property
     def stood_still(self) -> bool:
@@ -141,7 +143,7 @@ class FrameMotion:
         common = {"readout": self.readout, "estimator": NAME}
         focal = self.fit.focal_px * self.height / ROWS
         try:
-            motion = RotationMotion(width=self.width, rotations=rotations, focal_px=focal, **common)
+            motion = RotationMotion(self.width, rotations=rotations, focal_px=focal, lens=self.lens, **common)
             motion.check_unfolded()
         except UnshutterError as error:
             return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
@@ -179,7 +181,7 @@ class FrameMotion:
         begin, end = (np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end))
         turned = fit.turn(self.at + self.ratio * end) - fit.turn(self.at - self.after + self.ratio * begin)
         middles = ((tracks.start + tracks.end) / 2 + 0.5) * unit
-        jacobian = turn_jacobian(middles, tracks.width * unit, fit.focal_px)[..., :3]
+        jacobian = turn_jacobian(middles, tracks.width * unit, fit.focal_px, self.lens)[..., :3]
         moved = np.einsum("nij,nj->ni", jacobian, turned * fit.focal_px) / unit
         return replace(tracks, end=tracks.end - moved)
 

@@ -26,6 +26,7 @@ import numpy as np
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
 from unshutter.frames.tracks import Background, Tracks, background, follow
+from unshutter.motion.lens import Lens
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 
@@ -252,15 +253,15 @@ class Shot:
         """Whether something moved in front of the camera."""
         return sum(self._passing) > _CHANCE
 
-    def joins(self, frame: GreyFrame, ratio: ReadoutTime | None) -> bool:
-        """Whether a frame shows the same scene as the previous one."""
+    def joins(self, frame: GreyFrame, ratio: ReadoutTime | None, lens: Lens | None = None) -> bool:
+        """Whether a frame, taken through this lens, shows the same scene as the previous one."""
         self._next = None
         if self._last is None:
             return True
         if (frame.height, frame.width) != (self._last.height, self._last.width):
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
-        tracks = follow(self._last.grey, frame.grey)
+        tracks = follow(self._last.grey, frame.grey, lens)
         self._next = background(tracks, ratio.value if ratio else None)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:

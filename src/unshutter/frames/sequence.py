@@ -30,6 +30,7 @@ from unshutter.frames.self_calibration import (
 )
 from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE, Tracks
 from unshutter.motion import Motion
+from unshutter.motion.lens import Lens
 from unshutter.options import Camera, Clock, Reference, Undo, check_focal
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
@@ -145,6 +146,7 @@ class CameraMotion:
     whole_path: bool = False
     # every so many tracks are kept out of the fit, to check it (:meth:`Tracks.split`); None: none are
     keep_out: int | None = None
+    lens: Lens | None = None  # the lens, if it bends straight lines; it tells the focal length
     _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
@@ -166,10 +168,12 @@ class CameraMotion:
                 yield from self._ready(shot, ended=True)
                 shot = Shot(number=shot.number + 1, scene=shot.scene + 1)
                 continue
-            if self._focal is None and self.focal_px:
+            if self.lens is not None:
+                self._focal = self.lens.focal * ROWS
+            elif self._focal is None and self.focal_px:
                 check_focal(self.focal_px, frame.height)
                 self._focal = self.focal_px * ROWS / frame.height
-            if not shot.joins(frame, self.ratio):
+            if not shot.joins(frame, self.ratio, self.lens):
                 yield from self._ready(shot, ended=True)
                 shot = shot.next_shot()
             shot.add(frame)
@@ -203,7 +207,8 @@ class CameraMotion:
                 index = frame.at - start
                 ratio = self.ratio.value if self.ratio else 0.0
                 size, place = (frame.height, frame.width), (shot.number, shot.scene)
-                known = self.turns, frame.time_s, frame.after, frame.tracks if self.whole_path else None, self._focal
+                tracks = frame.tracks if self.whole_path else None
+                known = self.turns, frame.time_s, frame.after, tracks, self._focal, self.lens
                 yield FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
             shot.drop(many, margin)
 

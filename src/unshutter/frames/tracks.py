@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from unshutter.motion.lens import Lens
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Bool, Float64, UInt8
@@ -29,6 +31,7 @@ _LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): distance always tolera
 _STILL = 0.0003  # of the diagonal: smaller displacements count as still
 _PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: larger displacements pass by; of the tracks: fewer may be mistakes
 _CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
+_FORWARD = 0.1  # of a unit vector: directions farther from the axis have no place in a straightened picture
 GUESSED_RATIO = 0.5  # readout ratio where any will do
 
 
@@ -42,13 +45,14 @@ class Tracks:
     height: int
     width: int
     looked_for: int  # number of corners that were to be tracked
+    lens: Lens | None = None  # the camera's lens, if it bends straight lines
 
     def __len__(self) -> int:
         return len(self.start)
 
     def only(self, selection: Bool[np.ndarray, "tracks"]) -> Tracks:
         """Returns a selection of the tracks."""
-        return Tracks(self.start[selection], self.end[selection], self.height, self.width, self.looked_for)
+        return replace(self, start=self.start[selection], end=self.end[selection])
 
     def split(self, every: int) -> tuple[Tracks, Tracks]:
         """Returns these tracks without every so many of them, and those."""
@@ -56,7 +60,9 @@ class Tracks:
         return self.only(~kept_out), self.only(kept_out)
 
 
-def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"]) -> Tracks:
+def follow(
+    earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"], lens: Lens | None = None
+) -> Tracks:
     """Tracks the corners of a frame to the next, by pyramidal Lucas-Kanade, forward and backward.
 
     Frames may be shifted by a third of their width: phase correlation of small copies gives the starting point.
@@ -67,7 +73,7 @@ def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, 
     apart = max(3.0, _APART * np.hypot(height, width))
     corners = cv2.goodFeaturesToTrack(earlier, _MOST_CORNERS, _QUALITY, apart)
     if corners is None:
-        return Tracks(np.zeros((0, 2)), np.zeros((0, 2)), height, width, 0)
+        return Tracks(np.zeros((0, 2)), np.zeros((0, 2)), height, width, 0, lens)
     guess = corners + _shift(earlier, later).astype(np.float32)
     settings = {
         "winSize": (_WINDOW, _WINDOW),
@@ -80,7 +86,7 @@ def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, 
     start, end = corners[:, 0].astype(np.float64), there[:, 0].astype(np.float64)
     good = (status[:, 0] > 0) & (status_back[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
     good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
-    return Tracks(start[good], end[good], height, width, len(corners))
+    return Tracks(start[good], end[good], height, width, len(corners), lens)
 
 
 def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
@@ -126,7 +132,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     still = np.hypot(*moved.T) < _STILL * diagonal
     speed = moved / (1 + ratio * moved[:, 1:] / tracks.height)
     at_once = tracks.start - speed * ratio * (tracks.start[:, 1:] / tracks.height - 0.5)
-    plane = _of_one_plane(at_once, at_once + speed, diagonal)
+    plane = _of_one_plane(at_once, at_once + speed, tracks)
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
         return Background(tracks.only(still), joined=True, still=True, passing=True)
@@ -136,18 +142,20 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     return Background(tracks.only(plane), bool(joined), cut, passing=passing.sum() > _FEW_PASS * len(tracks))
 
 
-def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.ndarray:
+def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndarray:
     """[N] bool: the points that fit the homography of the majority from start to end.
 
     If the speed changes within a frame, rows deviate from it smoothly; that is allowed for.
     """
     import cv2
 
+    diagonal = float(np.hypot(tracks.height, tracks.width))
     near = _NEAR_PLANE * diagonal
-    homography, agreeing = cv2.findHomography(start, end, cv2.USAC_ACCURATE, 2 * near)
+    before, after = (straightened(points, tracks) for points in (start, end))
+    homography, agreeing = cv2.findHomography(before, after, cv2.USAC_ACCURATE, 2 * near)
     if homography is None or agreeing.sum() < _FEWEST:
         return np.zeros(len(start), bool)
-    off = end - cv2.perspectiveTransform(start[None], homography)[0]
+    off = end - bent(cv2.perspectiveTransform(before[None], homography)[0], tracks)
     chosen = agreeing[:, 0] > 0
     for _ in range(3):
         by_row = np.polynomial.polynomial.polyfit(start[chosen, 1] / diagonal, off[chosen], 3)
@@ -158,6 +166,24 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.nda
     if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # no closer than by chance: noise
         return np.zeros(len(start), bool)
     return away < np.clip(_SPREAD * np.median(away[chosen]), _LEAST * diagonal, near)
+
+
+def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:
+    """Returns where a lens that keeps lines straight would show points, unless this is such a lens."""
+    if tracks.lens is None:
+        return points
+    focal, middle = tracks.lens.focal * tracks.height, np.array([tracks.width - 1, tracks.height - 1]) / 2
+    x, y, z = tracks.lens.direction(*((points - middle) / focal).T)
+    return np.stack([x, y], axis=-1) / np.maximum(z, _FORWARD)[:, None] * focal + middle
+
+
+def bent(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:
+    """Returns where the lens shows points of the straightened picture; the inverse of :func:`straightened`."""
+    if tracks.lens is None:
+        return points
+    focal, middle = tracks.lens.focal * tracks.height, np.array([tracks.width - 1, tracks.height - 1]) / 2
+    points = (points - middle) / focal
+    return np.stack(tracks.lens.position(points[:, 0], points[:, 1], 1.0), axis=-1) * focal + middle
 
 
 def _spread(points: np.ndarray, tracks: Tracks) -> bool:

@@ -11,7 +11,8 @@ where R is the rotation of the RS row that saw the point: the row homography K R
     r_z alone is Eq. 1 with t_x = 0;   r_y > 0 moves the centre by f tan(r_y) columns to the right;
     r_x > 0 moves it by f tan(r_x) rows up.
 
-Rotations between two rows are interpolated on the shortest arc. Nothing is linearised.
+Rotations between two rows are interpolated on the shortest arc. Nothing is linearised. With a lens that bends straight
+lines (lens.py; NumPy only), directions are those that it shows at a position.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.motion import motion_file
 from unshutter.motion.geometry import Array, constant, namespace, take
+from unshutter.motion.lens import Lens
 from unshutter.motion.motion import BEYOND, Motion, matching_rows, positions, row_index, slope
 from unshutter.motion.motion_file import numbers
 from unshutter.options import Reference, check_strength
@@ -88,12 +90,14 @@ def rotate_position(
     rotation: Float[Array, "*at 3 3"],
     focal_px: float,
     center: tuple,
+    lens: Lens | None = None,
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """Applies the homography K R K^-1: moves positions as when the camera's picture is rotated by R.
 
     Args:
         col, row: positions [px], of the same shape [...].
         center: (col, row) of the principal point [px].
+        lens: the lens, if it bends straight lines.
 
     Returns:
         (col, row) [px]; NaN where the rotated direction is behind the camera.
@@ -104,12 +108,18 @@ def rotate_position(
         >>> float(col.round(3)), float(row.round(3))
         (50.0, 0.0)
     """
-    x, y, z = _turned(col, row, rotation, focal_px, center)
-    return x / z * focal_px + center[0], y / z * focal_px + center[1]
+    x, y, z = _turned(col, row, rotation, focal_px, center, lens)
+    x, y = (x / z, y / z) if lens is None else lens.position(x, y, z)
+    return x * focal_px + center[0], y * focal_px + center[1]
 
 
 def rotated_rs_to_gs(
-    col: Float[Array, "*at"], row: Float[Array, "*at"], row_rotation: RowRotation, focal_px: float, center: tuple
+    col: Float[Array, "*at"],
+    row: Float[Array, "*at"],
+    row_rotation: RowRotation,
+    focal_px: float,
+    center: tuple,
+    lens: Lens | None = None,
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """Converts RS positions to GS positions in closed form, undoing each row's homography.
 
@@ -128,7 +138,7 @@ def rotated_rs_to_gs(
         (array([100.]), array([240.]))
     """
     rotation, _ = row_rotation(row)
-    return rotate_position(col, row, _transposed(rotation), focal_px, center)
+    return rotate_position(col, row, _transposed(rotation), focal_px, center, lens)
 
 
 def rotated_gs_to_rs(
@@ -138,6 +148,7 @@ def rotated_gs_to_rs(
     focal_px: float,
     center: tuple,
     steps: int = 8,
+    lens: Lens | None = None,
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """Converts GS positions to RS positions, the exact inverse of :func:`rotated_rs_to_gs`.
 
@@ -164,33 +175,42 @@ def rotated_gs_to_rs(
     xp, v = namespace(row), constant(row)
     col_const, row_const = constant(col), constant(row)
     for _ in range(steps - 1):
-        residual, slope = _row_residual(v, col_const, row_const, row_rotation, focal_px, center)
+        residual, slope = _row_residual(v, col_const, row_const, row_rotation, focal_px, center, lens)
         step = constant(residual / slope)
         v = v - step
         if not xp.any(xp.abs(step) > _SETTLED_PX):  # the next step is quadratically smaller; NaN stays NaN
             break
-    residual, slope = _row_residual(v, col, row, row_rotation, focal_px, center)
+    residual, slope = _row_residual(v, col, row, row_rotation, focal_px, center, lens)
     v = v - residual / constant(slope)
     rotation, _ = row_rotation(v)
-    return rotate_position(col, row, rotation, focal_px, center)[0] + 0.0 * v, v  # both NaN or neither
+    return rotate_position(col, row, rotation, focal_px, center, lens)[0] + 0.0 * v, v  # both NaN or neither
 
 
 def _row_residual(
-    v: Array, col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple
+    v: Array, col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple, lens: Lens | None
 ) -> tuple[Array, Array]:
     """Returns v minus the row on which the rotation of row v shows the point, and its derivative with respect to v."""
     rotation, rate = row_rotation(v)
-    x, y, z = _turned(col, row, rotation, focal_px, center)
-    residual = v - (y / z * focal_px + center[1])
+    x, y, z = _turned(col, row, rotation, focal_px, center, lens)
     y_rate = rate[..., 2] * x - rate[..., 0] * z  # of w x d
     z_rate = rate[..., 0] * y - rate[..., 1] * x
+    if lens is not None:
+        x_rate, (across, down, along) = rate[..., 1] * z - rate[..., 2] * y, lens.slopes(x, y, z)[1]
+        residual = v - (lens.position(x, y, z)[1] * focal_px + center[1])
+        return residual, 1.0 - focal_px * (across * x_rate + down * y_rate + along * z_rate)
+    residual = v - (y / z * focal_px + center[1])
     return residual, 1.0 - focal_px * (y_rate * z - y * z_rate) / (z * z)
 
 
-def _turned(col: Array, row: Array, rotation: Array, focal_px: float, center: tuple) -> tuple[Array, Array, Array]:
-    """Returns R d for the directions d of positions; z is NaN where it is not in front of the camera."""
+def _turned(
+    col: Array, row: Array, rotation: Array, focal_px: float, center: tuple, lens: Lens | None = None
+) -> tuple[Array, Array, Array]:
+    """Returns R d for the directions d of positions; z is NaN where a straight lens would have it behind the camera."""
     xp = namespace(rotation)
     dx, dy = (col - center[0]) / focal_px, (row - center[1]) / focal_px
+    if lens is not None:
+        x, y, z = np.einsum("...ij,j...->i...", rotation, np.stack(lens.direction(dx, dy)))
+        return x, y, z
     x, y, z = (rotation[..., i, 0] * dx + rotation[..., i, 1] * dy + rotation[..., i, 2] for i in range(3))
     return x, y, xp.where(z > 0, z, xp.full_like(z, xp.nan))
 
@@ -226,6 +246,8 @@ def _transposed(matrices: Array) -> Array:
     return namespace(matrices).matrix_transpose(matrices)
 
 
+_FOLDED = "the motion turns faster than rows are read: the picture would fold over itself"
+_CHECKED = 9  # columns
 _FARTHEST = np.pi / 2  # rad; beyond a right angle the picture's centre is no longer in front of the camera
 
 
@@ -242,6 +264,7 @@ class RotationMotion(Motion, kind="rotations"):
     Attributes:
         rotations: [H, 3] rotation vector (r_x, r_y, r_z) of every row [rad], zero at the reference row.
         focal_px: focal length [px of this size].
+        lens: the lens, if it bends straight lines; None for one that does not.
 
     Raises:
         UnshutterError: the array is not [H, 3] or not finite, a rotation is 90 degrees or more, or the focal length
@@ -250,6 +273,7 @@ class RotationMotion(Motion, kind="rotations"):
 
     rotations: np.ndarray
     focal_px: float
+    lens: Lens | None = None
 
     def _settle(self) -> None:
         rotations = motion_file.read_only(self.rotations)
@@ -285,22 +309,28 @@ class RotationMotion(Motion, kind="rotations"):
 
     def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
-        return rotated_rs_to_gs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
+        return rotated_rs_to_gs(*positions(col, row), self._rotation_at, self.focal_px, self.center, self.lens)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
-        return rotated_gs_to_rs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
+        return rotated_gs_to_rs(*positions(col, row), self._rotation_at, self.focal_px, self.center, lens=self.lens)
 
     def check_unfolded(self) -> None:
         """Checks that every point of the scene was read by one row only and lay in front of the camera."""
         reach = self.width / 2 + np.abs(self.tx_px).max()
         row = np.arange(self.height, dtype=np.float64)
         wx, wy, wz = self._rotation_at(row)[1].T
+        if self.lens is not None:
+            col = np.linspace(-reach, reach, _CHECKED)[:, None] + self.center[0] + 0 * row
+            slope = _row_residual(row, col, row, self._rotation_at, self.focal_px, self.center, self.lens)[1]
+            if slope.min() <= 0:
+                raise UnshutterError(_FOLDED)
+            return
         x, y = np.array([[-reach], [reach]]) / self.focal_px, (row - self.center[1]) / self.focal_px
         # rows by which a point at (x, y) moves while one row is read; linear in x, so the two ends suffice
         speed = self.focal_px * (wz * x - wx * (1 + y * y) + wy * x * y)
         if speed.max() >= 1:
-            raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
+            raise UnshutterError(_FOLDED)
         corners = np.array([[sx * reach, sy * self.height / 2, self.focal_px] for sx in (-1, 1) for sy in (-1, 1)])
         matrices = self._matrices
         if min((corners @ m[2]).min() for m in (*matrices, *matrices.transpose(0, 2, 1))) <= 0:
@@ -361,11 +391,13 @@ class RotationMotion(Motion, kind="rotations"):
     # ---- file format -----------------------------------------------------------------------------------
 
     def _own_data(self) -> dict[str, Any]:
-        return {"rotations_rad": self.rotations.tolist(), "focal_px": self.focal_px}
+        lens = {} if self.lens is None else {"lens": self.lens.as_json()}
+        return {"rotations_rad": self.rotations.tolist(), "focal_px": self.focal_px, **lens}
 
     @classmethod
     def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> RotationMotion:
-        motion = cls(rotations=numbers(data["rotations_rad"]), focal_px=float(data["focal_px"]), **common)
+        lens = Lens.of_json(data["lens"]) if "lens" in data else None
+        motion = cls(rotations=numbers(data["rotations_rad"]), focal_px=float(data["focal_px"]), lens=lens, **common)
         for key, worked_out in (("tx_px", motion.tx_px), ("rz_rad", motion.rz_rad)):
             written = numbers(data[key])
             if written.shape != worked_out.shape or not np.allclose(written, worked_out, rtol=1e-6, atol=1e-6):

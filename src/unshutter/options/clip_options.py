@@ -45,6 +45,14 @@ class Shutter:
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
+    lens: str | None = option(
+        None,
+        "Calibration of a lens that bends straight lines: YAML or JSON of OpenCV, JSON of Gyroflow. "
+        "Default: found from the clip.",
+        metavar="FILE",
+        names="input",
+        page=False,
+    )
     gyro: str | None = option(
         None,
         "Gyro log of the clip: a .gcsv file, a GoPro's clip, or what telemetry-parser reads; off: none. "
@@ -61,13 +69,16 @@ class Shutter:
         if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
             raise UsageError("say either the readout time or --camera")
         check_time("readout", self.readout_ms, "ms")
+        if self.lens is not None and self.focal_px is not None:
+            raise UsageError("the lens file tells the focal length: leave out --focal-px")
         check_ratio(self.readout_ratio)
         check_focal(self.focal_px)
 
     @property
     def is_empty(self) -> bool:
-        """Whether the user states no readout time, camera, focal length or gyro log."""
-        return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is self.gyro is None
+        """Whether the user states no readout time, camera, focal length, lens or gyro log."""
+        known = (self.readout_ms, self.readout_ratio, self.camera, self.focal_px, self.lens, self.gyro)
+        return all(each is None for each in known)
 
     def readout_time(self, interval_s: float) -> ReadoutTime | None:
         """Returns the stated readout time of frames that are so far apart, or None if it is not stated."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.clip import Clip
+    from unshutter.video.clip import Clip, ClipRequest
     from unshutter.video.frame_warper import MovingFrame
 
 MOMENTS = 5  # number of moments of a clip that are shown
@@ -140,7 +140,6 @@ def _time_of(
     open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ReadoutTime:
     """Returns the readout time of a clip: the user's, or else an estimate, which is cached."""
-    from unshutter.video.clip import ClipRequest
     from unshutter.video.clip_rectification import camera_of_clip
 
     stated = options.shutter.readout_time(clip.interval_s)
@@ -149,9 +148,26 @@ def _time_of(
     part = options.span(clip.duration_s)
     file = open_file.path.with_name(f"readout-{digest(options.shutter, part)}.json")
     if not file.exists():
-        time, _ = camera_of_clip(ClipRequest.of(clip, options, progress.note if progress else None))
+        time, _ = camera_of_clip(_request(open_file, clip, options, progress))
         put_text(file, json.dumps(time.as_json()))
     return ReadoutTime.from_json(json.loads(file.read_text(encoding="utf-8"))).in_frames(clip.interval_s)
+
+
+def _request(
+    open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
+) -> ClipRequest:
+    """Returns the request of a clip with its lens, which is cached."""
+    from unshutter.motion.lens import Lens
+    from unshutter.video.clip import ClipRequest
+    from unshutter.video.lenses import lens_of_clip
+
+    request = ClipRequest.of(clip, options, progress.note if progress else None)
+    file = open_file.path.with_name(f"lens-{digest(options.shutter, options.span(clip.duration_s))}.json")
+    if not file.exists():
+        lens = lens_of_clip(request)
+        put_text(file, json.dumps(lens and lens.as_json()))
+    known = json.loads(file.read_text(encoding="utf-8"))
+    return request if known is None else replace(request, lens=Lens.of_json(known))
 
 
 def _moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
@@ -169,7 +185,6 @@ def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
 def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion, RowMotion
-    from unshutter.video.clip import ClipRequest
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
     time = _time_of(open_file, clip, options)
@@ -180,7 +195,7 @@ def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: fl
         return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
     frames = islice(clip.iter_frames(first), 2 * _AROUND + 1)
-    for moving in with_motion(ClipRequest.of(clip, options), frames, time):
+    for moving in with_motion(_request(open_file, clip, options), frames, time):
         if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.motion.to_json())
             return moving
@@ -212,7 +227,7 @@ def _pairs(
     import numpy as np
 
     from unshutter.motion.warp import straighten
-    from unshutter.video.clip import ClipRequest, upright
+    from unshutter.video.clip import upright
     from unshutter.video.frame_warper import MovingFrame, Warper, with_motion
 
     time = _time_of(open_file, clip, options)
@@ -223,7 +238,7 @@ def _pairs(
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     count = min(round(min(_FILM_S, end_s - first) / clip.interval_s), _FILM_FRAMES)
     frames = islice(clip.iter_frames(first), max(count, 1))
-    for moving in with_motion(ClipRequest.of(clip, options), frames, time):
+    for moving in with_motion(_request(open_file, clip, options), frames, time):
         if isinstance(moving, MovingFrame):
             scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
             height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))

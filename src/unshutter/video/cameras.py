@@ -175,7 +175,7 @@ def usual_time(tags: Mapping[str, str], interval_s: float) -> ReadoutTime:
 
 def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTime | None:
     """Looks up a camera by the brand, which may be empty, and the model that its files name."""
-    return _range([mode for mode in table() if _is_of(mode, make, model)], size, rate)
+    return _range([mode for mode in table() if is_of((mode.brand, mode.model), make, model)], size, rate)
 
 
 def find_named(name: str, size: tuple[int, int], rate: float) -> ReadoutTime:
@@ -225,8 +225,7 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
 
 def listed(word: str | None = None) -> list[CameraMode]:
     """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None."""
-    plain, spelled = _plain(word or ""), _spelled(word or "")
-    matches = [mode for mode in table() if plain in _plain(mode.name) or (spelled and spelled in _spelled(mode.name))]
+    matches = [mode for mode in table() if is_named(mode.name, word or "")]
     if not matches:
         raise UsageError(f"no camera of the table is called '{word}': `unshutter cameras` lists them")
     return matches
@@ -242,14 +241,20 @@ def as_text(modes: Iterable[CameraMode]) -> str:
     )
 
 
-def _is_of(mode: CameraMode, make: str, model: str) -> bool:
-    """Whether a mode belongs to the camera named in a file, with any of its lenses."""
-    brand = _plain(mode.brand)
+def is_of(listed: tuple[str, str], make: str, model: str) -> bool:
+    """Whether a listed brand and model are those of the camera named in a file."""
+    brand = _plain(listed[0])
     first = (re.findall(r"[a-z0-9]+", make.lower()) or [""])[0]
     if first and not brand.startswith(first) and not first.startswith(brand):
         return False
     spelled = _spelled(model)
-    return bool(spelled) and spelled.removeprefix(brand) == _spelled(mode.model).removeprefix(brand)
+    return bool(spelled) and spelled.removeprefix(brand) == _spelled(listed[1]).removeprefix(brand)
+
+
+def is_named(name: str, word: str) -> bool:
+    """Whether the name of a camera and lens contains a word, in any case and spelling."""
+    spelled = _spelled(word)
+    return _plain(word) in _plain(name) or bool(spelled and spelled in _spelled(name))
 
 
 def _names(mode: CameraMode) -> set[str]:

@@ -17,6 +17,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames import pyav
 from unshutter.frames.tracks import Background, Tracks, background, follow
+from unshutter.motion.lens import Lens
 from unshutter.options.clip_options import MAX_CLIP_PIXELS, RectifyClip
 from unshutter.orientation import Readout
 from unshutter.photo.photo import check_size
@@ -260,6 +261,7 @@ class ClipRequest:
     options: RectifyClip
     readout: Readout  # direction in which the stored pixels were read
     watch: Watch | None = None  # called for every step of the work
+    lens: Lens | None = None  # the camera's lens, if it is known to bend straight lines
 
     @classmethod
     def of(cls, clip: Clip, options: RectifyClip, watch: Watch | None = None) -> ClipRequest:
@@ -270,6 +272,12 @@ class ClipRequest:
     def frame_size(self) -> tuple[int, int]:
         """Height and width of the readout frame [px]."""
         return self.readout.frame_size(self.clip.height, self.clip.width)
+
+    @property
+    def focal(self) -> float | None:
+        """Focal length [heights of the readout frame], if it is known."""
+        stated = self.options.shutter.focal_px
+        return self.lens.focal if self.lens is not None else stated and stated / self.frame_size[0]
 
     @property
     def span(self) -> tuple[float, float]:
@@ -402,6 +410,6 @@ def followed(
     clip, before, grey_before = request.clip, None, None
     for frame in ahead(clip.iter_frames(start, end), _FOLLOWED_AHEAD):
         grey = request.grey(frame, side)
-        tracks = None if grey_before is None else follow(grey_before, grey)
+        tracks = None if grey_before is None else follow(grey_before, grey, request.lens)
         yield frame, clip.since(before, frame), tracks, None if tracks is None else background(tracks)
         before, grey_before = frame, grey

@@ -42,6 +42,7 @@ def rectify_clip(
     camera: str | None = None,
     readout: str = "auto",
     focal_px: float | None = None,
+    lens: str | None = None,
     gyro: str | None = None,
     reference: Reference = "middle",
     strength: float = 1.0,

@@ -105,7 +105,7 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
     pairs = list(_pairs(request, _parts(clip, log, span)))
     if len(pairs) < _FEWEST:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
-    focal_px = None if shutter.focal_px is None else shutter.focal_px * ROWS / request.frame_size[0]
+    focal_px = request.focal and request.focal * ROWS
     synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px)
     reason = synchronisation.reason
     if reason is None and not _covers(log, synchronisation, span):

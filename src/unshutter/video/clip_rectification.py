@@ -50,6 +50,7 @@ from unshutter.video.frame_warper import (
 )
 from unshutter.video.gain import gain_of_clip
 from unshutter.video.gyro_fit import GyroTurns, has_gravity, up_directions
+from unshutter.video.lenses import lens_of_clip
 from unshutter.video.outcome import ClipMotion, ClipOutcome, MotionWriter, load
 from unshutter.video.readout import camera_of_clip, too_little_to_see
 from unshutter.video.stabilisation import CameraPath, Stabilisation, stabilised
@@ -89,7 +90,10 @@ def rectify_clip_file(
     film = _Output.of(clip, options, target)
     pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
     result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
-    result.after_killed_run, result.gyro = after_killed_run, pipeline.gyro
+    result.after_killed_run, result.gyro, result.lens = after_killed_run, pipeline.gyro, pipeline.request.lens
+    if result.lens is not None:
+        height, width = pipeline.request.frame_size
+        result.lens_degrees = result.lens.degrees(width / height)
     if options.steadiness.stabilize is not None:
         pipeline = _with_steady_views(pipeline)
         result.stabilisation = pipeline.stabilisation
@@ -158,8 +162,9 @@ def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: Reado
                 f"{clip.width}x{clip.height}: it is of another clip"
             )
         ratio = ReadoutTime(motion.ratio, 0.0, "motion file", unit_s=clip.interval_s)
-        return Pipeline(replace(request, readout=motion.readout), ratio, motion)
+        return Pipeline(replace(request, readout=motion.readout, lens=motion.lens), ratio, motion)
     check_focal(options.shutter.focal_px, request.frame_size[0])
+    request = replace(request, lens=lens_of_clip(request))
     ratio, gyro = camera_of_clip(request, ratio)
     pipeline = Pipeline(request, ratio, gyro=gyro)
     if ratio.declined is not None:
@@ -184,7 +189,7 @@ def _with_steady_views(pipeline: Pipeline) -> Pipeline:
     turns = _level_turns(pipeline.gyro) if options.steadiness.level else None
     undo = options.undo if pipeline.unmoved is None else replace(options.undo, strength=0.0)
     height, width = request.frame_size
-    path = CameraPath(undo, request.readout, width / height)
+    path = CameraPath(undo, request.readout, width / height, request.lens)
     for moving in _watched(replace(pipeline, unmoved=None)):
         path.add(moving.motion, moving.step, moving.cut, moving.frame.time or 0.0)
     if pipeline.file_motion is not None and not any(path.middle_steps):

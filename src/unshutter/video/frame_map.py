@@ -21,6 +21,7 @@ import numpy as np
 from unshutter.frames.flow import bilinear
 from unshutter.motion import Motion
 from unshutter.motion.grid import gs_to_rs_map
+from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotate_position, rotation_matrix
 from unshutter.orientation import Readout
 
@@ -81,22 +82,25 @@ def margins(
     focal: float,
     zoom: float | Float64[np.ndarray, "frames"],
     aspect: float,
+    lens: Lens | None = None,
 ) -> tuple[Float64[np.ndarray, "frames points"], Float64[np.ndarray, "frames points 3"]]:
     """Returns how far points on the outlines of views lie inside their frames, and how further rotation changes that.
 
     Args:
         turns: rotation vectors from the stabilised camera to the real camera [rad].
         focal: focal length [heights].
+        lens: the lens, if it bends straight lines.
 
     Returns:
         Lengths, negative outside, and their derivatives with respect to the rotation [per rad].
     """
     x, y, side = _outline(aspect)
     size = np.asarray(zoom, np.float64).reshape(-1, 1)
-    rays = np.stack(np.broadcast_arrays(x / size / focal, y / size / focal, 1.0), axis=-1)
+    x, y = x / size / focal, y / size / focal
+    rays = np.stack(np.broadcast_arrays(*((x, y, 1.0) if lens is None else lens.direction(x, y))), axis=-1)
     rays = np.broadcast_to(rays, (len(turns), *rays.shape[1:]))
-    x, y, z = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(turns), rays), -1, 0)
-    x, y = x / z, y / z
+    ray = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(turns), rays), -1, 0)
+    x, y = (ray[0] / ray[2], ray[1] / ray[2]) if lens is None else lens.position(*ray)
     upright = side < TOP
     along = np.where(upright, y * focal, x * focal / aspect)
     place = np.clip((along + 0.5) * (_PLACES - 1), 0, _PLACES - 1)
@@ -107,19 +111,25 @@ def margins(
     inward = np.where((side == LEFT) | (side == TOP), 1.0, -1.0)
     across = np.stack([-x * y, 1 + x * x, -y], axis=-1)
     down = np.stack([-(1 + y * y), x * y, x], axis=-1)
+    if lens is not None:
+        across, down = (np.cross(np.moveaxis(ray, 0, -1), np.stack(each, axis=-1)) for each in lens.slopes(*ray))
     slopes = (inward * focal)[:, None] * np.where(upright[:, None], across, down)
     return inward * (np.where(upright, x, y) * focal - end), slopes
 
 
 def zoom_needed(
-    borders: Float32[np.ndarray, "frames 4 9"], turns: Float64[np.ndarray, "frames 3"], focal: float, aspect: float
+    borders: Float32[np.ndarray, "frames 4 9"],
+    turns: Float64[np.ndarray, "frames 3"],
+    focal: float,
+    aspect: float,
+    lens: Lens | None = None,
 ) -> Float64[np.ndarray, "frames"]:
     """Returns the least zoom, 1 to 4, at which each view stays inside its frame's border; see :func:`margins`."""
     low, high = np.ones(len(turns)), np.full(len(turns), _LARGEST_ZOOM)
-    fits = margins(borders, turns, focal, low, aspect)[0].min(axis=1) >= 0
+    fits = margins(borders, turns, focal, low, aspect, lens)[0].min(axis=1) >= 0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        inside = margins(borders, turns, focal, middle, aspect)[0].min(axis=1) >= 0
+        inside = margins(borders, turns, focal, middle, aspect, lens)[0].min(axis=1) >= 0
         low, high = np.where(inside, low, middle), np.where(inside, middle, high)
     return np.where(fits, 1.0, high)
 
@@ -134,6 +144,7 @@ class SteadyView:
     focal_heights: float  # focal length in heights of the readout frame
     zoom: float  # enlargement of the picture, at least 1
     readout: Readout  # direction in which the stored pixels were read
+    lens: Lens | None = None  # the lens, if it bends straight lines
 
     def looks(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Maps positions in the stabilised picture to the global-shutter frame at the reference row."""
@@ -142,7 +153,7 @@ class SteadyView:
         col, row = self.readout.points_to_frame(col, row, height, width)
         col, row = ((at - centre) / self.zoom + centre for at, centre in zip((col, row), middle, strict=True))
         turned = np.broadcast_to(rotation_matrix(self.turn), (*col.shape, 3, 3))
-        seen = rotate_position(col, row, turned, self.focal_heights * rows, middle)
+        seen = rotate_position(col, row, turned, self.focal_heights * rows, middle, self.lens)
         return self.readout.points_to_stored(*seen, height, width)
 
 

@@ -76,10 +76,10 @@ def camera_motion(
     focal_px: float | None = None,
 ) -> CameraMotion:
     """Returns what estimates the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`."""
-    focal_px = focal_px or request.options.shutter.focal_px
+    focal_px = focal_px or (request.focal and request.focal * request.frame_size[0])
     if focal_px is None and turns is not None:
         focal_px = turns.focal_px(request.frame_size[0])
-    more = {"window": window_for(request.clip.frame_bytes), "fewest": FEWEST, "turns": turns}
+    more = {"window": window_for(request.clip.frame_bytes), "fewest": FEWEST, "turns": turns, "lens": request.lens}
     return CameraMotion(time, focal_px, request.readout, whole_path=whole_path, keep_out=keep_out, **more)
 
 

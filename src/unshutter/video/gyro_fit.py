@@ -24,6 +24,7 @@ import numpy as np
 from unshutter.frames.camera import ROWS, padded_ends, student_weights
 from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks
+from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair
 
@@ -89,9 +90,12 @@ class Adjustment:
         """Predicts the ends of tracks [pairs, most, 2] [px of ROWS rows] from the turns in the log."""
         middle = np.array([self.width / 2, _HALF])
         turned = alignment.turned(*self.turns(alignment))
-        rays = np.concatenate([(self.ends[0] - middle) / alignment.focal_px, np.ones((*self.used.shape, 1))], axis=-1)
-        seen = np.einsum("pnij,pnj->pni", turned, rays)
-        return seen[..., :2] / seen[..., 2:] * alignment.focal_px + middle
+        return _seen((self.ends[0] - middle) / alignment.focal_px, turned, self.lens) * alignment.focal_px + middle
+
+    @property
+    def lens(self) -> Lens | None:
+        """The camera's lens, if it bends straight lines."""
+        return self.pairs[0].tracks.lens
 
     def turns(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
         """Returns turns of the device between the rows of each track [pairs, most, 3, 3], and their durations [s]."""
@@ -212,6 +216,15 @@ def changed(alignment: Alignment, change: np.ndarray) -> Alignment:
     )
 
 
+def _seen(at: np.ndarray, turned: np.ndarray, lens: Lens | None) -> np.ndarray:
+    """Returns where positions [..., 2] [focal lengths] are seen after turns [..., 3, 3]."""
+    if lens is not None:
+        rays = np.stack(lens.direction(at[..., 0], at[..., 1]), axis=-1)
+        return np.stack(lens.position(*np.einsum("...ij,...j->i...", turned, rays)), axis=-1)
+    seen = np.einsum("...ij,...j->...i", turned, np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1))
+    return seen[..., :2] / seen[..., 2:]
+
+
 @dataclass(frozen=True, eq=False)
 class GyroTurns:
     """Turns of a clip's camera from its gyro log (``KnownTurns`` for frames/sequence.py)."""
@@ -240,9 +253,8 @@ class GyroTurns:
         middle = np.array([tracks.width, tracks.height]) / 2 - 0.5
         rows = [np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end)]
         turned, _ = self.between((np.full(len(tracks), begin_s), rows[0]), (np.full(len(tracks), end_s), rows[1]))
-        rays = np.concatenate([(tracks.start - middle) * unit / focal_px, np.ones((len(tracks), 1))], axis=-1)
-        seen = np.einsum("nij,nj->ni", turned, rays)
-        predicted = seen[:, :2] / seen[:, 2:] * focal_px / unit + middle
+        seen = _seen((tracks.start - middle) * unit / focal_px, turned, tracks.lens)
+        predicted = seen * focal_px / unit + middle
         return replace(tracks, end=tracks.start + (tracks.end - predicted))
 
     def between(

@@ -20,6 +20,7 @@ from unshutter.errors import UnshutterError
 from unshutter.export import plot_turns
 from unshutter.frames.frame_motion import Step
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.lens import Lens
 from unshutter.motion.motion_file import reason_of
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
@@ -58,6 +59,8 @@ class ClipOutcome:
         turns: presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame.
         gyro: the clip's gyro log and the result of using it; None if it has none.
         stabilisation: the smoothed path; None if the camera's path was left unchanged.
+        lens: the lens, if it bends straight lines.
+        lens_degrees: its field of view, from corner to corner of a frame [degrees].
     """
 
     source: str
@@ -76,6 +79,8 @@ class ClipOutcome:
     turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     gyro: ClipGyro | None = None
     stabilisation: Stabilisation | None = None
+    lens: Lens | None = None
+    lens_degrees: float | None = None
 
     @property
     def unchanged(self) -> dict[str, int]:
@@ -137,6 +142,7 @@ class ClipOutcome:
             "found_by": self.ratio.source,
             **({} if self.gyro is None else {"gyro": self.gyro.as_json()}),
             **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
+            **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),
             **({} if plausible is None else {"plausible_ms": list(plausible)}),
         }
 
@@ -171,6 +177,7 @@ class ClipMotion:
     motions: list[Motion]  # [N] motions of small pictures (``ROWS``), first row as the reference
     cuts: list[bool]  # [N] whether a frame shows another scene than the previous one
     steps: list[Step | None]  # [N] rotation of the camera since the previous frame; None if unknown
+    lens: Lens | None = None  # the camera's lens, if it bends straight lines
 
     def at(self, time_s: float) -> tuple[Motion, bool, Step | None]:
         """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it."""
@@ -195,6 +202,7 @@ class MotionWriter:
             "readout_ratio": ratio.value,
             "readout_ratio_sd": ratio.error or None,
             "found_by": ratio.source,
+            **({} if request.lens is None else {"lens": request.lens.as_json()}),
         }
         stream.write(json.dumps(head)[:-1] + ', "frames": [\n')
 
@@ -247,6 +255,7 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
         raise ValueError("numbers out of range")
     frame_height, frame_width = readout.frame_size(height, width)
     small = max(1, round(frame_width * ROWS / frame_height))
+    lens = Lens.of_json(data["lens"]) if "lens" in data else None
     motions: list[Motion] = []
     for frame in data["frames"]:
         if frame["rotations_rad"] is None:
@@ -259,12 +268,13 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
         rotations -= rotations[0]
         rows = len(rotations)
         columns = max(1, round(frame_width * rows / frame_height))
-        motions.append(RotationMotion(columns, rotations, float(frame["focal"]) * rows, readout=readout))
+        motions.append(RotationMotion(columns, rotations, float(frame["focal"]) * rows, lens, readout=readout))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")
     cuts = [bool(frame["cut"]) for frame in data["frames"]]
-    return ClipMotion(ratio, readout, height, width, times, motions, cuts, [_step(frame) for frame in data["frames"]])
+    steps = [_step(frame) for frame in data["frames"]]
+    return ClipMotion(ratio, readout, height, width, times, motions, cuts, steps, lens)
 
 
 def _step(frame: dict[str, Any]) -> Step | None:

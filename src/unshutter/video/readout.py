@@ -99,11 +99,10 @@ def find_ratio(request: ClipRequest) -> ReadoutTime:
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
     starts, length_s = _parts(request)
     steps = Steps("readout time", 2 * _PART * len(starts), request.watch)  # tracking takes half of the time
-    stated = request.options.shutter.focal_px
     for number, start in enumerate(starts):
         run = _tracked(request, start, start + 1.001 * length_s, steps)
         if len(run.pairs) >= _FEWEST:
-            focal = None if stated is None else stated * ROWS / request.frame_size[0]
+            focal = request.focal and request.focal * ROWS
             try:
                 focal = focal or focal_from_motion(run.pairs[: _PART // 2], _GUESSED_RATIO)
                 ratios.append(ratio_from_motion(run.pairs, focal, run.starts if run.is_uneven else None))

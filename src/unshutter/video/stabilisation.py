@@ -19,6 +19,7 @@ import numpy as np
 from unshutter.frames.frame_motion import Step
 from unshutter.frames.smoothing import Room, Smoothing, stiffness_for
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.lens import Lens
 from unshutter.motion.motion import row_index
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.options.clip_options import ClipUndo, Steadiness
@@ -48,6 +49,7 @@ class CameraPath:
     undo: ClipUndo  # how their motion is undone
     readout: Readout  # direction in which stored pixels were read
     aspect: float  # width of the readout frame divided by its height
+    lens: Lens | None = None  # the camera's lens, if it bends straight lines
     times_s: list[float] = field(default_factory=list)  # presentation time of each frame [s]
     cuts: list[bool] = field(default_factory=list)  # whether a frame shows another scene than the previous one
     # rotation since the previous frame, at the reference row [rad]; NaN if unknown
@@ -92,7 +94,7 @@ class CameraPath:
     def motion(self, frame: int) -> Motion:
         """Returns the motion of a frame, first row as the reference; zero, with a reason, if it has none."""
         kept = self._motions[frame]
-        return kept.motion() if isinstance(kept, _Rows) else RowMotion.zero(ROWS, ROWS, reason=kept)
+        return kept.motion(self.lens) if isinstance(kept, _Rows) else RowMotion.zero(ROWS, ROWS, reason=kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +112,9 @@ class _Rows:
         rotations = motion.rotations.astype(np.float32)
         return cls(rotations, motion.width, motion.focal_px, motion.readout, motion.estimator)
 
-    def motion(self) -> RotationMotion:
-        rotations = self.rotations.astype(np.float64)
-        return RotationMotion(
-            self.width, rotations=rotations, focal_px=self.focal_px, readout=self.readout, estimator=self.estimator
-        )
+    def motion(self, lens: Lens | None) -> RotationMotion:
+        rotations, origin = self.rotations.astype(np.float64), {"readout": self.readout, "estimator": self.estimator}
+        return RotationMotion(self.width, rotations=rotations, focal_px=self.focal_px, lens=lens, **origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Stabilisation:
         """Returns the stabilised view of a frame, or None if it is the camera's own."""
         if self.zoom == 1.0 and not self.turns[frame].any():
             return None
-        return SteadyView(self.turns[frame], float(self.focals[frame]), self.zoom, self.path.readout)
+        return SteadyView(self.turns[frame], float(self.focals[frame]), self.zoom, self.path.readout, self.path.lens)
 
     def as_json(self) -> dict[str, Any]:
         """Returns the record for a log of runs."""
@@ -218,7 +218,7 @@ def _scene(path: CameraPath, part: slice, interval_s: float, usual_focal: float,
         for axis in range(3):
             even = np.interp(times[1:], times[1:][seen], rates[seen, axis]) if seen.any() else np.zeros_like(gaps)
             steps[1:, axis] = np.where(seen, steps[1:, axis], even * gaps)
-    return _Scene(times, steps, focal, path.aspect, np.array(path.borders[part]), int(unknown.sum()), up)
+    return _Scene(times, steps, focal, path.aspect, np.array(path.borders[part]), int(unknown.sum()), up, path.lens)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +232,7 @@ class _Scene:
     borders: np.ndarray  # extent of each frame
     unknown: int  # number of unknown steps
     up: np.ndarray | None  # [frames, 3] upward direction; None if horizons are left unchanged
+    lens: Lens | None = None  # the lens, if it bends straight lines
 
     def smoothed(self, stiffness: float, zoom: float | None) -> Float64[np.ndarray, "frames 3"]:
         """Returns the rotation from the stabilised to the real camera for each frame.
@@ -249,7 +250,7 @@ class _Scene:
                 target[:, 2] = turns[:, 2] + off
             room = None
             if zoom is not None:
-                inside, slopes = margins(self.borders, turns, self.focal, zoom, self.aspect)
+                inside, slopes = margins(self.borders, turns, self.focal, zoom, self.aspect, self.lens)
                 slopes = slopes / self.focal  # heights per unit
                 left = inside - _SPARE - np.einsum("nmi,ni->nm", slopes, turns * self.focal)
                 room = Room(-slopes, left * _ROWS)
@@ -259,15 +260,16 @@ class _Scene:
 
     def needed(self, turns: np.ndarray) -> Float64[np.ndarray, "frames"]:
         """Returns the zoom that each frame needs to hide its border."""
-        return zoom_needed(self.borders, turns, self.focal, self.aspect)
+        return zoom_needed(self.borders, turns, self.focal, self.aspect, self.lens)
 
     def within(self, turns: np.ndarray, zoom: float) -> np.ndarray:
         """Returns the rotations, reduced where the border would still show."""
         low, high = np.zeros(len(turns)), np.ones(len(turns))
         over = self.needed(turns) > zoom
+        optics = self.focal, zoom, self.aspect, self.lens
         for _ in range(_SHRINKS if over.any() else 0):
             middle = (low + high) / 2
-            fits = margins(self.borders, turns * middle[:, None], self.focal, zoom, self.aspect)[0].min(axis=1) >= 0
+            fits = margins(self.borders, turns * middle[:, None], *optics)[0].min(axis=1) >= 0
             low, high = np.where(fits, middle, low), np.where(fits, high, middle)
         return np.where(over, low, 1.0)[:, None] * turns
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import RotationMotion
+from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_vector
 from unshutter.options import Reference
 from unshutter_lab.synthesis.rotation_log import RotationLog
@@ -33,6 +34,8 @@ class TurningCamera:
     height: int  # of the frames [px]
     width: int
     focal_px: float  # focal length [px]
+    # the lens, if it bends straight lines; the scene is then all around the camera, and the photo taken by this lens
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
         if self.frames < 1 or not (self.fps > 0 and self.focal_px > 0 and 0 <= self.readout_ratio <= 1):
@@ -65,7 +68,8 @@ class TurningCamera:
         rotations = self.rotations(self.row_times(frame))
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
-        motion = RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
+        camera = {"width": self.width, "focal_px": self.focal_px, "lens": self.lens}
+        motion = RotationMotion(rotations=vectors, estimator="drawn", **camera)
         return motion.rereferenced(reference)
 
     def rendered(
@@ -94,7 +98,7 @@ class TurningCamera:
             times = self.row_times(frame)
             if global_shutter:
                 times = np.full(self.height, frame + self.readout_ratio / 2)
-            yield seen(photo, self.rotations(times), self.width, self.focal_px, scale, noise, rng)
+            yield seen(photo, self.rotations(times), self.width, self.focal_px, scale, noise, rng, self.lens)
 
     def row_times(self, frame: int) -> np.ndarray:
         """Returns the times [H] of a frame's rows [frame intervals]."""
@@ -115,6 +119,7 @@ def seen(
     scale: float,
     noise: float,
     rng: np.random.Generator,
+    lens: Lens | None = None,
 ) -> UInt8[np.ndarray, "height width *bands"]:
     """Returns a picture whose rows see a scene at these rotations; ``scale`` is px of the scene per picture px."""
     import cv2
@@ -123,7 +128,11 @@ def seen(
     x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
     fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * focal_px  # [H, 3]
     direction = back[:, None, :, 0] * x[:, None] + fixed[:, None]  # [H, W, 3]
-    at = direction[..., :2] / direction[..., 2:] * focal_px * scale + (np.array(scene.shape[1::-1]) - 1) / 2
+    at = direction[..., :2] / direction[..., 2:]
+    if lens is not None:
+        straight = np.stack(lens.direction(*np.meshgrid(x / focal_px, y / focal_px)), axis=-1)
+        at = np.stack(lens.position(*np.einsum("hij,hwj->ihw", back, straight)), axis=-1)
+    at = at * focal_px * scale + (np.array(scene.shape[1::-1]) - 1) / 2
     col, row = np.moveaxis(at.astype(np.float32), -1, 0)
     picture = cv2.remap(scene, col, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     if noise:

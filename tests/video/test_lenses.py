@@ -1,0 +1,128 @@
+"""The lens of a clip: read from files, looked up, and found from tracks."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.tracks import Tracks
+from unshutter.motion.lens import Lens
+from unshutter.motion.rotations import rotation_matrix
+from unshutter.options.clip_options import RectifyClip, Shutter
+from unshutter.orientation import Readout
+from unshutter.video.clip import ClipRequest
+from unshutter.video.lenses import lens_of_file, lens_of_tracks, named_lenses, table
+
+K = [0.04, 0.01, -0.006, 0.002]
+
+
+class _Size:
+    """The size of a clip's frames: all that reading a lens file looks at."""
+
+    height, width = 360, 640
+
+
+def request_of(readout=Readout.TOP_TO_BOTTOM):
+    return ClipRequest(_Size(), RectifyClip(), readout)  # type: ignore[arg-type]
+
+
+def tracks_through(lens, pairs=24, seed=0, turn=0.02):
+    """Corners seen through a lens by a camera that turns by chance, with noise of 0.05 px."""
+    rng, height, width = np.random.default_rng(seed), 360, 640
+    found = []
+    for _ in range(pairs):
+        at = rng.uniform([0, 0], [width, height], (180, 2)) - [width / 2, height / 2]
+        x, y = at.T / (lens.focal * height)
+        turned = rotation_matrix(rng.normal(0, turn, 3))
+        straight = not any(lens.k)
+        rays = np.stack([x, y, np.ones_like(x)] if straight else lens.direction(x, y), axis=-1) @ turned.T
+        seen = rays[:, :2] / rays[:, 2:] if straight else np.stack(lens.position(*rays.T), axis=-1)
+        end = seen * lens.focal * height + rng.normal(0, 0.05, seen.shape)
+        middle = np.array([width - 1, height - 1]) / 2
+        found.append(Tracks(at + middle, end + middle, height, width, len(at)))
+    return found
+
+
+def test_lens_is_found_from_tracks():
+    truth = Lens(0.9, tuple(K))
+    lens = lens_of_tracks(tracks_through(truth))
+    assert lens is not None and lens.error < 0.02
+    corner = np.hypot(1, 640 / 360) / 2
+    assert lens.distance(truth.angle(corner / truth.focal)) * lens.focal == pytest.approx(corner, rel=0.02)
+
+
+def test_straight_lens_is_none():
+    assert lens_of_tracks(tracks_through(Lens(0.9, (0.0, 0.0, 0.0, 0.0)))) is None
+
+
+def test_calm_camera_shows_no_lens():
+    assert lens_of_tracks(tracks_through(Lens(0.9, tuple(K)), turn=1e-4)) is None
+
+
+GYROFLOW = {
+    "calib_dimension": {"w": 1280, "h": 720},
+    "fisheye_params": {"camera_matrix": [[600.0, 0, 650.0], [0, 600.0, 359.5], [0, 0, 1]], "distortion_coeffs": K},
+}
+OPENCV = """%YAML:1.0
+---
+image_width: 1280
+image_height: 720
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 600., 0., 650., 0., 600., 359.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ -0.2, 0.05, 0., 0., 0. ]
+"""
+
+
+def test_gyroflow_json(tmp_path):
+    file = tmp_path / "lens.json"
+    file.write_text(json.dumps(GYROFLOW))
+    lens = lens_of_file(file, request_of())
+    assert lens.focal == pytest.approx(300 / 360) and lens.k == pytest.approx(K)
+    assert lens.shift[0] == pytest.approx((325.25 - 0.5 - 319.5 + 0.0) / 300, abs=1e-3)
+    turned = lens_of_file(file, request_of(Readout.LEFT_TO_RIGHT))
+    assert turned.focal == pytest.approx(300 / 640)
+
+
+def test_opencv_yaml_of_a_radial_lens(tmp_path):
+    file = tmp_path / "lens.yml"
+    file.write_text(OPENCV)
+    lens, tan = lens_of_file(file, request_of()), np.tan(0.5)
+    assert lens.distance(0.5) == pytest.approx(tan * (1 - 0.2 * tan**2 + 0.05 * tan**4), abs=1e-3)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "{", "camera_matrix: [1, 2, x]", json.dumps({**GYROFLOW, "w": 0})[:80]])
+def test_other_files_are_refused_in_one_line(tmp_path, text):
+    file = tmp_path / "lens.json"
+    file.write_text(text)
+    with pytest.raises(UnshutterError, match="not a lens file"):
+        lens_of_file(file, request_of())
+    with pytest.raises(UnshutterError, match="cannot read"):
+        lens_of_file(tmp_path / "none.json", request_of())
+
+
+def test_a_lens_of_other_frames_is_refused(tmp_path):
+    file = tmp_path / "lens.json"
+    file.write_text(json.dumps({**GYROFLOW, "calib_dimension": {"w": 1280, "h": 960}}))
+    with pytest.raises(UsageError, match="same shape"):
+        lens_of_file(file, request_of())
+
+
+def test_lens_and_focal_length_contradict():
+    with pytest.raises(UsageError, match="focal"):
+        Shutter(lens="a.json", focal_px=500)
+
+
+def test_table_holds_lenses():
+    assert len(table()) > 1000
+    wide = [each for each in named_lenses("gopro hero7 black wide") if each.width == 3840]
+    assert wide and all(100 < each.degrees < 150 for each in wide)
+    assert replace(wide[0], lens="").name == "GoPro HERO7 Black"
