@@ -4,8 +4,8 @@
 
 Each clip is the photo around a camera that turns as the log says, seen through a lens of 90 to 150 degrees (from
 corner to corner); the photo is as this lens shows it. Its twin has the same focal length, but no distortion. Told: PSNR
-of luma against the true global-shutter clip [dB, without a border of 6 %]; the readout ratio; and the error of the lens at
-the corner: where the true direction of a corner is seen, as a share of its distance from the middle.
+of luma against the true global-shutter clip [dB, without a border of 6 %]; the readout ratio; and the error of the lens
+at the corner: where the true direction of a corner is seen, as a share of its distance from the middle.
 ``--before`` names the ``src`` folder of another version: what that does with the same clip.
 """
 

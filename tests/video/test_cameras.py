@@ -110,9 +110,10 @@ def test_cameras_are_listed_by_a_word(capsys):
     everything = capsys.readouterr().out
     assert len(everything.splitlines()) == len(cameras.table())
     assert main(["cameras", "hero5"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 10 and all("GoPro HERO5" in line or "GoPro Hero5" in line for line in lines)
-    assert any(line.split("  ")[0] == "GoPro HERO5 Black" and line.endswith("26.7 to 33.4 ms") for line in lines)
+    times, lenses = (part.splitlines() for part in capsys.readouterr().out.split("\n\n"))
+    assert len(times) == 10 and all("GoPro HERO5" in line or "GoPro Hero5" in line for line in times)
+    assert len(lenses) > 20 and all("hero" in line.lower() and "degrees" in line for line in lenses[1:])
+    assert any(line.split("  ")[0] == "GoPro HERO5 Black" and line.endswith("26.7 to 33.4 ms") for line in times)
     assert main(["cameras", "no such camera"]) == 2
     assert "no camera of the table is called 'no such camera'" in capsys.readouterr().err
 

@@ -5,7 +5,7 @@ A direction at the angle theta from the viewing axis is seen at the distance
     r = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 
 from the picture's middle, in focal lengths: OpenCV's fisheye model, which also describes a lens with moderate radial
-distortion (:meth:`Lens.of_radial`). A lens that keeps lines straight, r = tan(theta), is no ``Lens`` but None.
+distortion (:meth:`Lens.of_radial`). A lens that keeps lines straight, r = tan(theta), is None.
 
 Source: OpenCV's documentation of the module fisheye (the model).
 """
