@@ -53,6 +53,7 @@ SKIPPED = {
     "unshutter evaluate": "measures on pictures that are not in the repository: lab/tests/evaluation draws some",
     "unshutter synthesize photos/ -o pairs/ --motion trajectory": "needs a recorded trajectory: lab/tests/synthesis",
     "unshutter synthesize house.jpg -o film/": "needs a recorded trajectory: lab/tests/synthesis",
+    "unshutter video ride.mp4": "needs the calibration of a lens: tests/video/test_lenses.py writes some",
     "unshutter rectify street.jpg --estimator kandula2020@runs": "needs a trained network",
 }
 _EXTRAS = {".exr": "OpenEXR", "--plot": "matplotlib", " video ": "av", ".HEIC": "pi_heif", ".NEF": "rawpy"}
