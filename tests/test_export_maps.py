@@ -187,7 +187,7 @@ def test_reference_of_a_motion_file(tmp_path: Path) -> None:
         ("m.npz", {"size": "²x3"}, "write it like"),
         ("m.npz", {"size": "0x0"}, "1 to 1,000,000,000 pixels"),
         ("m.npz", {"size": "99999999x99999999"}, "1 to 1,000,000,000 pixels"),
-        ("m.npz", {"size": "150x200"}, "aspect ratio differs"),
+        ("m.npz", {"size": "150x200"}, "aspect ratios differ"),
         ("m.npz", {"find": Find(camera=Camera("left-to-right"))}, "made for readout top-to-bottom"),
         ("no/m.npz", {}, "there is no folder"),
     ],

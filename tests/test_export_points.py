@@ -114,8 +114,8 @@ def test_points_outside_the_photo_are_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "holds no points"),
-        (b"\n\n", "holds no points"),
+        (b"", "it has no points"),
+        (b"\n\n", "it has no points"),
         (b"x,z\n1,2\n", "name the columns x and y"),
         (b"x;y\n1;2\n", "separated by commas"),
         (b"x,y,x\n1,2,3\n", "once each"),

@@ -215,7 +215,7 @@ class PointTable:
         """Reads a table whose header names columns x and y, or one without a header whose first columns are x and y."""
         lines = _filled_lines(path)
         if not lines:
-            raise UnshutterError(f"{path} holds no points: it is empty")
+            raise UnshutterError(f"{path} is empty: it has no points")
         first = lines[0][1]
         header, x, y = None, 0, 1
         if len(first) < 2 or None in (_number(first[0]), _number(first[1])):

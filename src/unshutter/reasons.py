@@ -53,8 +53,8 @@ class Code(StrEnum):
     FILM_TOO_SHORT = "film-too-short", "the film inside it is too short"
     FILM_DIFFERS = "film-differs", "the film inside it shows something else"
     FILM_STABILISED = "film-stabilised", "the film inside it is stabilised"
-    IMPOSSIBLE_MOTION = "impossible-motion", "what was found is not a motion that a camera can make: {detail}"
-    ASKED_FOR_NOTHING = "asked-for-nothing", "asked to do nothing"
+    IMPOSSIBLE_MOTION = "impossible-motion", "no camera can make the motion that was found: {detail}"
+    ASKED_FOR_NOTHING = "asked-for-nothing", "this method never finds a motion"
     # one photo: from the verdict
     NO_MOTION = "no-motion", "no motion"
     NO_VISIBLE_MOTION = "no-visible-motion", "no visible motion"
@@ -87,17 +87,20 @@ class Code(StrEnum):
     READOUT_TIME_UNKNOWN = "readout-time-unknown", "this clip does not show its readout time ({why})"  # for a clip
     GYRO_TOO_CALM = (
         "gyro-too-calm",
-        "the camera hardly turned: the clip does not show which moment of its gyro log is which",
+        "the camera barely turned: the gyro log cannot be aligned with the clip",
     )
     GYRO_TOO_SHORT = "gyro-too-short", "the gyro log ends before the clip, or has gaps"
     GYRO_DISAGREES = (
         "gyro-disagrees",
         "the picture does not follow the gyro log (correlation {correlation:.2f}): "
-        "the clip was stabilised, or the log is of another clip",
+        "the clip was stabilised, or the log belongs to another clip",
     )
     GYRO_DAMAGED = "gyro-damaged", "it is damaged"
     GYRO_UNREAD = "gyro-unread", "reading it needs the extra gyro"
-    STABILISED_IN_CAMERA = "stabilised-in-camera", "its camera stabilised the clip: when its rows were taken is unknown"
+    STABILISED_IN_CAMERA = (
+        "stabilised-in-camera",
+        "its camera stabilised the clip, so the times of its rows are unknown",
+    )
     # frames and clips: why the readout ratio is unknown
     TOO_FEW_FRAMES = "too-few-frames", "{frames} frames are too few to show it"
     SHOOK_TOO_FAST = (

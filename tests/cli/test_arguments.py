@@ -69,8 +69,8 @@ def test_words_after_two_dashes_are_names() -> None:
         (("a", "-o", "out", "--jobs", "many"), "--jobs takes a whole number, not 'many'"),
         (("a", "-o", "out", "--edges", "round"), "--edges takes keep, crop, not 'round'"),
         (("a", "-o", "out", "--job", "2"), "--job"),  # no abbreviations: they would change their meaning one day
-        (("a", "-o"), "--output/-o: a value is missing after it"),
-        (("a", "-o", "-"), "--output: '-' is not a name here"),
+        (("a", "-o"), "--output/-o: needs a value"),
+        (("a", "-o", "-"), "--output: '-' is not accepted"),
         (("a", "-o", "out", "--tilt-deg", "91"), "too steep"),
     ],
 )
@@ -83,7 +83,7 @@ def test_what_is_wrong_is_said_in_a_line(words: tuple[str, ...], complaint: str)
 
 def test_a_path_may_be_a_url_of_this_machine_only() -> None:
     assert parsed("local:///d/a.jpg", "-o", "dir://out::file:///d") == Arguments([Path("/d/a.jpg")], Path("/d/out"))
-    with pytest.raises(UsageError, match="s3://b/out is not on this machine"):  # rather than a folder called s3:
+    with pytest.raises(UsageError, match="s3://b/out is a URL"):  # rather than a folder called s3:
         parsed("a.jpg", "-o", "s3://b/out")
 
 

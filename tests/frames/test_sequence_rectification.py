@@ -94,7 +94,7 @@ def test_grey_pixels_stay_grey() -> None:
         (FRAMES, {"readout_ratio": 0.5, "at": 0.5, "strength": 0.5}, "leave out strength"),
         (FRAMES, {"readout_ratio": 1.5}, "above 0 and at most 1"),
         (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "either readout_ratio, or"),
-        (FRAMES, {"fps": 30}, "go together"),
+        (FRAMES, {"fps": 30}, "give both"),
         (FRAMES, {"readout_ratio": 0.5, "at": 2}, "between -1 and 1"),
         (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose auto, keep, crop or fill"),
         (FRAMES[:1], {"readout_ratio": 0.5}, "at least two frames"),
@@ -146,7 +146,7 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["--after", "{1}"], 1, "(2 frames are too few to show it): say --readout-ratio, or --readout-ms with --fps"),
+        (["--after", "{1}"], 1, "(2 frames are too few to show it): give --readout-ratio, or --readout-ms with --fps"),
         (["--after", "{1}", "--readout-ratio", "0"], 2, "above 0 and at most 1"),
         (["--after", "{folder}/none.png", "--readout-ratio", "1"], 1, "No such file"),
         (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--reference", "first"], 2, "choose one"),

@@ -83,7 +83,7 @@ def test_unknown_keywords_are_refused_as_python_refuses_them(name: str) -> None:
         ("motion", 3, "motion must be a"),
         ("lines", 3, "lines must be a list of DrawnLine or the path of a file of lines, got 3"),
         ("candidate", 1.5, "candidate must be a whole number, got 1.5"),
-        ("moving", "no", "the way that the camera moved must be one of yes, left, right, up, down, got no"),
+        ("moving", "no", "the direction of the camera must be one of yes, left, right, up, down, got no"),
         ("moving", True, "moving must be one of yes, left, right, up, down, got True"),
         ("no_film", "no", "no_film must be True or False, got 'no'"),
         ("fps", "30", "fps must be a number, got '30'"),
@@ -100,7 +100,7 @@ def test_values_of_another_type_are_refused_in_a_sentence(name: str, key: str, v
 
 
 def test_errors_in_python_name_keywords() -> None:
-    with pytest.raises(UsageError, match=r"^say either readout_ratio, or readout_ms with fps$"):
+    with pytest.raises(UsageError, match=r"^give readout_ratio, or readout_ms with fps, not both$"):
         unshutter.estimate_frames([], readout_ratio=0.5, fps=30)
     with pytest.raises(UsageError, match=r"^level needs stabilize$"):
         unshutter.rectify_clip("in.mp4", "out.mp4", level=True)

@@ -236,7 +236,7 @@ def test_requests_that_are_refused(client: httpx.Client, walk: Path) -> None:
     two = [{"id": id}, {"id": id}]
     _refused(client.post("/api/saves", json={"to": "file", "photos": two}), 400, "choose zip")
     nameless = _opened(client, walk, "walk")
-    assert "what kind of film" in list(events(client, _saving(client, nameless)["id"]))[-1]["done"][0]["error"]
+    assert "has no extension" in list(events(client, _saving(client, nameless)["id"]))[-1]["done"][0]["error"]
 
 
 def test_a_playlist_is_no_clip(client: httpx.Client, walk: Path, tmp_path: Path) -> None:

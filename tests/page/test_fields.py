@@ -56,7 +56,7 @@ def test_nothing_given_is_the_default() -> None:
         ({"edges": "borrow"}, "borrow needs a neighbour"),
         ({"before": "x", "roll-deg": "1"}, "are for single photos"),
         ({"keep-times": "true"}, "unknown field 'keep-times'"),
-        ({"estimator": "segment-transformer@/etc/passwd"}, "weights of your own are for the command line"),
+        ({"estimator": "segment-transformer@/etc/passwd"}, "your own weights work only on the command line"),
     ],
 )
 def test_what_is_refused(given: dict[str, str], told: str) -> None:

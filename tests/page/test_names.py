@@ -100,7 +100,7 @@ def test_results_of_clips(name: str, result: str) -> None:
 @pytest.mark.parametrize("name", ["walk", "x%05d.png", "x%05d.jpg", "walk.tif", "list.m3u8", "list.mpd", "walk.txt"])
 def test_names_of_no_film(name: str) -> None:
     """Of pictures FFmpeg would write one for each frame, and next to playlists the film in pieces."""
-    with pytest.raises(UsageError, match=f"the name '{name}' does not say what kind of film"):
+    with pytest.raises(UsageError, match=f"the name '{name}' has no extension: add one"):
         clip_result(name)
 
 
@@ -133,6 +133,6 @@ def test_a_film_named_like_pictures_is_one_file(client: httpx.Client, tmp_path: 
     saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
     done = list(events(client, saving["id"]))[-1]["done"]
     assert [one.get("result") for one in done] == [None, "x%05d.rectified.mp4", None]
-    assert all("what kind of film" in told for told in (done[0]["error"], done[2]["error"]))
+    assert all("has no extension" in told for told in (done[0]["error"], done[2]["error"]))
     packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
     assert packed.namelist() == ["x%05d.rectified.mp4"]

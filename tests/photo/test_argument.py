@@ -103,7 +103,7 @@ def test_pillow_images_come_back_as_such(mode: str, pixels: np.ndarray) -> None:
 
 @pytest.mark.parametrize("mode", ["P", "1", "CMYK", "F"])
 def test_pillow_images_of_other_modes_are_refused(mode: str) -> None:
-    with pytest.raises(UnshutterError, match=f"mode {mode} is not taken: convert it first"):
+    with pytest.raises(UnshutterError, match=f"mode {mode} is not supported: convert it first"):
         unshutter.rectify(Image.new(mode, (160, 120)), motion=MOTION)
 
 

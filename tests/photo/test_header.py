@@ -107,7 +107,7 @@ def test_other_endings_of_jpegs(tmp_path):
         Photo.open(tmp_path / name).save(tmp_path / f"out.{name}")
         assert Photo.open(tmp_path / f"out.{name}").format == "jpeg"
     (tmp_path / "a.mpo").write_bytes(data)  # of its several pictures, all but the first would be lost
-    with pytest.raises(UnshutterError, match="holds several pictures"):
+    with pytest.raises(UnshutterError, match="contains several pictures"):
         Photo.open(tmp_path / "a.mpo")
 
 

@@ -62,7 +62,7 @@ def test_folders_into_one_format(folder: Path, tmp_path: Path, format: str, endi
 def test_results_are_not_named_like_files_that_are_only_read(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("out.heic", "out.nef"):
         assert main(["rectify", str(folder / "a.jpg"), "-o", str(folder / name)]) == 2
-        assert f"cannot write '{name}': such files are only read" in capsys.readouterr().err
+        assert f"cannot write '{name}': unshutter only reads such files" in capsys.readouterr().err
     assert main(["rectify", str(folder / "a.jpg"), "-o", str(folder / "x.png"), "--format", "tiff"]) == 2
     assert "--format is for folders" in capsys.readouterr().err
 

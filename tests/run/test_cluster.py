@@ -103,7 +103,7 @@ def test_the_scheduler_is_killed_on_the_way(archive: Path, motion: Path, tmp_pat
             scheduler.kill()
             errors = process.communicate(timeout=60)[1]
     assert process.returncode == 1
-    assert errors == "unshutter: the workers cannot be reached any more: give the same command again to go on\n"
+    assert errors == "unshutter: the workers cannot be reached any more: run the same command again to continue\n"
     assert rectify(*words) == 0
     assert f"{PHOTOS} of {PHOTOS} photos done" in capsys.readouterr().err
 

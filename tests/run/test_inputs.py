@@ -37,7 +37,7 @@ def test_what_is_passed_over_is_counted_by_reason(archive: Path) -> None:
         "films": 2,
     }
     assert inputs.not_taken() == (
-        "not taken: 2 films, see unshutter video (.mov); 2 hidden (no extension, .jpg); "
+        "skipped: 2 films, see unshutter video (.mov); 2 hidden (no extension, .jpg); "
         "2 are not photos (no extension, .txt); 1 made by unshutter (.jpg); 1 with several pictures in one file (.mpo)"
     )
     assert find_photos([archive / "a.jpg"]).not_taken() == ""
@@ -50,7 +50,7 @@ def test_links_pipes_and_devices_are_counted(archive: Path) -> None:
     (archive / "device.jpg").symlink_to("/dev/zero")
     (archive / "again").symlink_to(archive)
     counts = find_photos([archive]).counts()
-    assert (counts["pipes or devices"], counts["links that lead nowhere"], counts["links to folders"]) == (2, 1, 1)
+    assert (counts["pipes or devices"], counts["broken links"], counts["links to folders"]) == (2, 1, 1)
 
 
 def test_a_batch_ends_with_what_it_did_not_take(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
@@ -64,7 +64,7 @@ def test_a_batch_ends_with_what_it_did_not_take(archive: Path, motion: Path, tmp
     assert "1 with several pictures in one file (.mpo)" in capsys.readouterr().err
     (archive / "a.jpg").unlink()
     (archive / "trip" / "b.png").unlink()
-    with pytest.raises(UnshutterError, match=r"no photos in folder .*; not taken: 2 films"):
+    with pytest.raises(UnshutterError, match=r"no photos in folder .*; skipped: 2 films"):
         find_photos([archive])
 
 

@@ -50,7 +50,7 @@ def test_what_to_do_next_ends_the_summary(folder: Path, capsys: pytest.CaptureFi
     for name, steps in cases.items():
         assert found(folder / name, "-o", folder.parent / f"out {name}") == 0
         last = capsys.readouterr().err.splitlines()[-1]
-        next_step = f"unshutter: next, for what was left unchanged: {steps}"
+        next_step = f"unshutter: what to try for photos left unchanged: {steps}"
         assert last == next_step if steps else last.startswith(str(folder / name))
 
 

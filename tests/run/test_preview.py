@@ -140,9 +140,9 @@ def test_a_preview_is_not_taken_for_a_photo(name: str, motion: Path, tmp_path: P
     for more in ([], ["--jobs", 2], ["--overwrite"]):
         capsys.readouterr()
         assert rectify(*words, *more) == 0
-        assert "not taken: 1 made by unshutter" in capsys.readouterr().err
+        assert "skipped: 1 made by unshutter" in capsys.readouterr().err
     assert sorted(path.name for path in out.glob("*.*g*")) == ["a.rectified.jpg", "z.rectified.jpg"]
     assert main(["estimate", str(tmp_path / "in"), "-o", str(tmp_path / "motions"), "--estimator", "none"]) == 0
-    assert "not taken: 1 made by unshutter" in capsys.readouterr().err
+    assert "skipped: 1 made by unshutter" in capsys.readouterr().err
     assert rectify(sheet, "--motion", motion) == 1
     assert f"{name}: it is a preview that unshutter made, not a photo" in capsys.readouterr().err

@@ -41,7 +41,7 @@ def test_the_json_log_says_what_happened(archive: Path, motion: Path, tmp_path: 
 def test_a_photo_is_no_log(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
     make_photos(tmp_path, ["another.jpg"])
     before = results(tmp_path)
-    for photo, why in ((archive / "a.jpg", "is an original"), (tmp_path / "another.jpg", "is not a log of unshutter")):
+    for photo, why in ((archive / "a.jpg", "is an original"), (tmp_path / "another.jpg", "is not an unshutter log")):
         assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", photo) == 1
         assert why in capsys.readouterr().err
     assert results(tmp_path) == before

@@ -75,7 +75,7 @@ def test_where_the_ratio_cannot_be_told_nothing_is_written(tmp_path, capsys):
         Photo.from_array(frame).save(tmp_path / "in" / f"{k}.png")
     assert rectify(tmp_path / "in", "--sequence", "-o", tmp_path / "out") == 1
     error = capsys.readouterr().err
-    assert "say --readout-ratio" in error and error.count("\n") == 1
+    assert "give --readout-ratio" in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 

@@ -55,7 +55,7 @@ def test_in_the_middle_of_a_picture(number: int, code: int, photo: Path, tmp_pat
     process = start_rectify(photo, "-o", out, "--estimator", "none")
     wait_for(lambda: leftovers(tmp_path), process)
     process.send_signal(number)
-    assert check_stopped(process, code) == "unshutter: stopped; what was finished is kept\n"
+    assert check_stopped(process, code) == "unshutter: stopped; finished results are kept\n"
     assert leftovers(tmp_path) == []
     assert not out.exists()
 

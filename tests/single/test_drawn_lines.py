@@ -190,4 +190,4 @@ def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> N
     assert _estimate(tmp_path / "grey.png", "--lines", tmp_path / "lines.json") == 1
     assert "not a file of drawn lines" in capsys.readouterr().err
     many = _estimate(tmp_path, "-o", tmp_path / "out", "--lines", tmp_path / "lines.json")
-    assert many == 2 and "of one photo only" in capsys.readouterr().err
+    assert many == 2 and "is for one photo only" in capsys.readouterr().err

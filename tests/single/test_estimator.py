@@ -51,4 +51,4 @@ def test_rotations_that_no_camera_makes_are_declined(photo: Photo) -> None:
     assert (found.focal_px, found.estimator, found.reference) == (300, "me", "first")
     folded = View(photo, Camera(focal_px=300.0)).rotation_motion(14 * turning, "me")
     assert folded.is_zero
-    assert str(folded.reason).startswith("what was found is not a motion that a camera can make")
+    assert str(folded.reason).startswith("no camera can make the motion that was found")

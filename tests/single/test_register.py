@@ -129,7 +129,7 @@ def test_every_method_keeps_the_contract(
     [
         ("magic", "unknown estimator 'magic': choose one of segment-transformer, "),
         ("magic@file.onnx", "unknown estimator 'magic'"),
-        ("none@file.onnx", "does not run on other weights"),
+        ("none@file.onnx", "accepts no other weights"),
     ],
 )
 def test_wrong_names_are_told_in_one_line(name: str, told: str) -> None:

@@ -100,13 +100,13 @@ def without(weights: Weights, name: str) -> Weights:
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        (lambda w: without(w, "head.output.bias"), "they are not of segment-transformer"),
-        (lambda w: {**w, "more": np.zeros(3, np.float32)}, "they are not of"),
-        (lambda w: {**w, "head.output.bias": np.zeros((3, 3), np.float32)}, "they are not of"),
-        (lambda w: {**w, "head.output.bias": np.zeros(9, np.int32)}, "they are not of"),
-        (lambda w: {**w, "heads": np.array(7)}, "they are not of"),
-        (lambda w: {**w, "heads": np.array(0)}, "they are not of"),
-        (lambda w: {**w, "iterations": np.array(10**9)}, "they are not of"),
+        (lambda w: without(w, "head.output.bias"), "they are not segment-transformer weights"),
+        (lambda w: {**w, "more": np.zeros(3, np.float32)}, "they are not segment-transformer weights"),
+        (lambda w: {**w, "head.output.bias": np.zeros((3, 3), np.float32)}, "they are not segment-transformer weights"),
+        (lambda w: {**w, "head.output.bias": np.zeros(9, np.int32)}, "they are not segment-transformer weights"),
+        (lambda w: {**w, "heads": np.array(7)}, "they are not segment-transformer weights"),
+        (lambda w: {**w, "heads": np.array(0)}, "they are not segment-transformer weights"),
+        (lambda w: {**w, "iterations": np.array(10**9)}, "they are not segment-transformer weights"),
         (lambda w: {**w, "latents": np.zeros((10, 2_000_000), np.float32)}, " MB are too many for segment-transformer"),
         (lambda w: {**w, "head.output.bias": np.array([print] * 9, object)}, "damaged, or not an .npz"),
         (lambda w: {**w, "head.output.bias": np.full(9, np.nan, np.float32)}, "their answer is not a number"),
@@ -133,7 +133,7 @@ def test_damaged_files_are_refused(weights: Weights, tmp_path: Path) -> None:
             SegmentNetwork(path).open()
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("heads.npy", "no array")
-    with pytest.raises(UnshutterError, match="they are not of"):
+    with pytest.raises(UnshutterError, match="they are not segment-transformer weights"):
         SegmentNetwork(path).open()
     with pytest.raises(UnshutterError, match="cannot read the weights"):
         SegmentNetwork(tmp_path).open()

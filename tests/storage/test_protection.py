@@ -77,7 +77,7 @@ def test_an_output_has_one_purpose(tmp_path: Path) -> None:
         files = RunFiles()
         files.writes("the picture", tmp_path / "a.png", tmp_path / "b.png", None)
         files.writes("its motion", tmp_path / "c.png")
-        with pytest.raises(UsageError, match="named twice, for the picture and for its motion"):
+        with pytest.raises(UsageError, match="would be both the picture and its motion"):
             files.writes("its motion", tmp_path / other)
 
 

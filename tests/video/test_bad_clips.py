@@ -139,7 +139,7 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
     ("flags", "code", "message"),
     [
         (["--codec", "libnothing"], 1, "no encoder 'libnothing'"),
-        (["--codec", "aac"], 2, "not an encoder of films"),
+        (["--codec", "aac"], 2, "not a video encoder"),
         (["--preset", "quick"], 2, "veryfast"),
         (["--crf", "80"], 2, "between 0 and 63"),
         (["--readout-ms", "40"], 2, "33.33 ms apart"),

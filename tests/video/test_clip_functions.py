@@ -81,7 +81,7 @@ def test_the_focal_length_counts():
         ([GREYS[0], GREYS[0][1:]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "of one size and type"),
         ([GREYS[0][:20]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "192x20"),
         (GREYS, {"readout_ratio": 1.5}, unshutter.UsageError, "at most 1"),
-        (GREYS, {"readout_ms": 20}, unshutter.UsageError, "go together"),
+        (GREYS, {"readout_ms": 20}, unshutter.UsageError, "give both"),
         (GREYS, {"readout_ratio": 0.5, "edges": "crop"}, unshutter.UsageError, "fill or keep"),
         (clips.moving(24, pan())[1], {}, UnknownRatioError, "give readout_ratio, or readout_ms and fps"),
     ],

@@ -179,7 +179,7 @@ def test_a_file_that_is_no_log_is_refused_before_anything_is_written(tmp_path, c
     wrong.write_text("hello")
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--gyro", str(wrong)]) == 1
     printed = capsys.readouterr().err
-    assert printed.count("\n") == 1 and "no gyro log that can be read" in printed
+    assert printed.count("\n") == 1 and "cannot read a gyro log from it" in printed
     assert not (tmp_path / "out.mkv").exists()
 
 

@@ -140,7 +140,7 @@ def test_a_frame_without_neighbours_falls_back(tmp_path, capsys):
     [
         (["--edges", "borrow"], "needs --model dense"),
         (["--model", "dense", "--edges", "crop"], "cannot crop"),
-        (["--model", "dense", "--save-motion", "m.json"], "motion files hold the camera's motion"),
+        (["--model", "dense", "--save-motion", "m.json"], "motion files contain the camera's motion"),
         (["--model", "both"], "both"),
     ],
 )

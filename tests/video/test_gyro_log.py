@@ -68,8 +68,8 @@ def test_gyroflows_logs_are_read_with_their_units(tmp_path):
         ("GYROFLOW IMU LOG\nt,gx,gy,gz\n0,1,2,x\n", "not numbers"),
         ("GYROFLOW IMU LOG\ntscale,fast\nt,gx,gy,gz\n0,1,2,3\n", "not numbers"),
         ("GYROFLOW IMU LOG\nt,gx,gy,gz\n0,1,2,3\n", "only 1 gyro samples"),
-        ("hello", "no gyro log that can be read"),
-        ("", "no gyro log that can be read"),
+        ("hello", "cannot read a gyro log from it"),
+        ("", "cannot read a gyro log from it"),
     ],
 )
 def test_files_that_are_no_logs_are_refused_in_a_line(tmp_path, text, complaint):

@@ -26,7 +26,7 @@ class CalibrateArguments:
     )
     output: Path = option(
         Path("calibration"),
-        "Folder for calibration.json and for what was measured. A run that was stopped there goes on. Default: "
+        "Folder for calibration.json and for what was measured. Resumes a run that was stopped there. Default: "
         "calibration.",
         short="-o",
         names="results",
@@ -68,7 +68,7 @@ class EvaluateArguments:
     protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")
     output: Path = option(
         Path("evaluation"),
-        "Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on. "
+        "Folder for tables, figures of every picture, plots and contact sheets. Resumes a run that was stopped there. "
         "Default: evaluation.",
         short="-o",
         names="results",
@@ -139,8 +139,11 @@ SYNTHESIZE = Command(
 class TrainArguments:
     """Arguments of the command."""
 
-    config: str = required(
-        "Name of a configuration that comes with unshutter (docs/research/training.md), or a TOML file.", "input"
+    config: str = option(
+        "own-photos",
+        "Name of a configuration that comes with unshutter (docs/research/training.md), or a TOML file. Default: "
+        "own-photos, which goes on from the shipped weights of kandula2020.",
+        names="input",
     )
     out: Path = option(
         Path("runs"),
@@ -148,6 +151,7 @@ class TrainArguments:
         names="results",
     )
     steps: int | None = option(None, "Stop after N steps in all, instead of the configuration's number.")
+    minutes: float | None = option(None, "Stop after this time; the same command continues the run.")
     device: str = option("auto", "auto, cpu or cuda. Default: auto.", names="word")
     photos: Path | None = option(
         None, "Folder of photos, for networks that read pixels, instead of the configuration's.", names="input"
@@ -167,6 +171,7 @@ class TrainArguments:
 
 def run_train(arguments: TrainArguments) -> int:
     """Trains the network; returns the exit code."""
+    print(f"training {arguments.config} in {arguments.out}: loading", flush=True)  # importing torch takes seconds
     try:
         from unshutter_lab.training import train
     except ImportError as error:
@@ -177,4 +182,9 @@ def run_train(arguments: TrainArguments) -> int:
     return 0
 
 
-TRAIN = Command("Train a network from a configuration (needs the extra `train`).", TrainArguments, run_train)
+TRAIN = Command(
+    "Train a network from a configuration (needs the extra `train`).",
+    TrainArguments,
+    run_train,
+    when_stopped="the same command continues from the last checkpoint",
+)

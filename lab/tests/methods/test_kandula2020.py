@@ -125,7 +125,7 @@ def test_weights_of_ones_own(exported, tmp_path):
     (tmp_path / "text.onnx").write_text("no network")
     with pytest.raises(UnshutterError, match="cannot use the weights"):
         load(f"kandula2020@{tmp_path / 'text.onnx'}")
-    with pytest.raises(UsageError, match="does not run on other weights"):
+    with pytest.raises(UsageError, match="accepts no other weights"):
         load(f"none@{exported[1]}")
     with pytest.raises(UsageError, match="unknown estimator"):
         load(f"nobody@{exported[1]}")

@@ -126,7 +126,7 @@ def test_a_file_that_holds_no_network_is_refused(tmp_path: Path) -> None:
     config, text = tmp_path / "small.toml", tmp_path / "text.onnx"
     config.write_text(SMALL)
     text.write_text("no network")
-    with pytest.raises(UsageError, match=r"text\.onnx holds no network"):
+    with pytest.raises(UsageError, match=r"text\.onnx contains no network"):
         compact(text, config, None, 0, False, tmp_path / "small.onnx")
     assert not (tmp_path / "small.onnx").exists()
 

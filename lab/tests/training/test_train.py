@@ -1,15 +1,20 @@
 import csv
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 torch = pytest.importorskip("torch", reason="training needs torch")
 
+import unshutter_lab
 from unshutter import UnshutterError, UsageError
 from unshutter.photo import Photo
 from unshutter.single.network import read_weights
 from unshutter_lab.training.config import TrainConfig, load_config, shipped_configs
 from unshutter_lab.training.train import run
+from unshutter_lab.training.weights import exported_weights
 
 TINY = """
 model = "segment-transformer"
@@ -77,12 +82,11 @@ def test_a_killed_run_resumes_to_the_same_weights(config: Path, tmp_path: Path) 
     # stopped after the first step, as a kill just after a checkpoint would
     folder = run(config, tmp_path / "resumed", minutes=0.0)
     assert torch.load(folder / "checkpoint.pt", weights_only=True)["step"] < 6
-    assert not (folder / "model.npz").exists()
     resumed = weights(run(config, tmp_path / "resumed"))
     for name, value in straight.items():
         torch.testing.assert_close(resumed[name], value, atol=1e-6, rtol=1e-5)
     steps = [r["step"] for r in log(folder)]
-    assert steps == ["2", "4", "6"]
+    assert steps == ["1", "2", "4", "6"]  # the first: before the stop
 
 
 def test_a_folder_of_another_run_is_not_touched(config: Path, tmp_path: Path) -> None:
@@ -95,7 +99,7 @@ def test_a_folder_of_another_run_is_not_touched(config: Path, tmp_path: Path) ->
 def test_a_second_phase_does_not_begin_without_the_first(config: Path, tmp_path: Path) -> None:
     second = tmp_path / "second.toml"
     second.write_text('base = "tiny.toml"\ncontinues = "tiny"\nsteps = 2\n')
-    with pytest.raises(UsageError, match=r"goes on from a run of tiny: --start runs/tiny/checkpoint\.pt"):
+    with pytest.raises(UsageError, match=r"continues a run of tiny: --start runs/tiny/checkpoint\.pt"):
         run(second, tmp_path / "runs")
     assert not (tmp_path / "runs" / "second").exists()
     first = run(config, tmp_path / "runs")
@@ -205,7 +209,7 @@ def test_a_run_starts_from_stored_weights(config: Path, tmp_path: Path) -> None:
 
     wider = tmp_path / "wider.toml"
     wider.write_text(TINY.replace("layers = 1", "layers = 2"))
-    with pytest.raises(UsageError, match="network of another size"):
+    with pytest.raises(UsageError, match="size of its network differs"):
         run(wider, tmp_path / "runs", start=stored)
     (tmp_path / "bad.npz").write_text("no weights")
     with pytest.raises(UnshutterError, match="damaged"):
@@ -300,3 +304,45 @@ def test_the_command_line_trains_by_name(
     assert main(["train", "--config", "kandula2020"]) == 2
     assert "there is no folder photos; training needs at least 41 (40 held out" in capsys.readouterr().err
     assert not (tmp_path / "runs" / "kandula2020").exists()
+
+
+def test_ctrl_c_leaves_a_checkpoint_from_which_the_run_goes_on(config: Path, tmp_path: Path) -> None:
+    config.write_text(TINY.replace("steps = 6", "steps = 1000000").replace("minutes = 0.0", "minutes = 60.0"))
+    command = [sys.executable, "-m", "unshutter_lab.training.train", "--config", config, "--out", tmp_path]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        assert "a new run" in process.stdout.readline()
+        assert process.stdout.readline().startswith("step 1 of 1000000 took")
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=60)
+    assert process.returncode != 0
+    step = torch.load(tmp_path / "tiny" / "checkpoint.pt", weights_only=True)["step"]
+    again = subprocess.run([*command, "--steps", str(step + 2)], capture_output=True, text=True, check=True)
+    assert "the run continues" in again.stdout
+    assert f"step {step + 1} of {step + 2} took" in again.stdout
+    assert (tmp_path / "tiny" / "model.npz").exists()
+
+
+def test_minutes_end_with_a_model_and_a_log(config: Path, tmp_path: Path) -> None:
+    config.write_text(TINY.replace("steps = 6", "steps = 1000000").replace("log_every = 2", "log_every = 1000000"))
+    folder = run(config, tmp_path, minutes=0.0)
+    assert [row["step"] for row in log(folder)] == ["1"] and (folder / "model.npz").exists()
+
+
+def test_own_photos_begin_with_the_shipped_weights(tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    (tmp_path / "photos").mkdir()
+    for k, noise in enumerate(torch.randint(0, 256, (9, 64, 64, 3), dtype=torch.uint8).numpy()):
+        Photo.from_array(noise).save(tmp_path / "photos" / f"{k}.png")
+    config = tmp_path / "few.toml"
+    config.write_text('base = "own-photos"\nsteps = 1\nbatch = 1\n[data]\ndrawn = 1\n')
+    run(config, tmp_path, photos=tmp_path / "photos")
+    shipped = exported_weights(Path(unshutter_lab.__file__).parent / "weights" / "kandula2020.onnx")
+    biases = {name: value for name, value in shipped.items() if name.endswith(".bias")}
+    begun = weights(tmp_path / "few")
+    near = [
+        torch.allclose(begun[f"module.{name}"], torch.tensor(value).float(), atol=1e-3)
+        for name, value in biases.items()
+        if f"module.{name}" in begun and begun[f"module.{name}"].shape == value.shape
+    ]
+    assert near.count(True) > len(near) / 3  # others are those of convolutions, whose normalisation was split off

@@ -95,7 +95,7 @@ def test_other_files_are_refused(recipe, pictures, tmp_path):
 
 def test_another_network_is_refused(recipe, pictures, trained, tmp_path):
     recipe.export(trained, tmp_path / "model.onnx")
-    with pytest.raises(UsageError, match="of another network"):
+    with pytest.raises(UsageError, match="belongs to another network"):
         load_exported(nn.Sequential(nn.Conv2d(3, 1, 1)), tmp_path / "model.onnx", pictures)
 
 

@@ -36,7 +36,7 @@ class Command:
     arguments: type  # dataclass of its arguments
     run: Callable[[Any], int]  # runs it with such a value; returns the exit code
     # message for a command that was interrupted: the state of its results
-    when_stopped: str = "what was finished is kept"
+    when_stopped: str = "finished results are kept"
     # options in the short help with their one-line descriptions; empty: the help shows all options
     essentials: Mapping[str, str] = field(default_factory=dict)
 
@@ -115,7 +115,7 @@ class _Parser(argparse.ArgumentParser):
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # called by argparse for every value
         if arg_string == "-":
-            self.error(f"{_name(action)}: '-' is not a name here; name a file, or leave it out")
+            self.error(f"{_name(action)}: '-' is not accepted: give a file name, or leave it out")
         try:
             return super()._get_value(action, arg_string)
         except argparse.ArgumentError:
@@ -128,7 +128,7 @@ class _Parser(argparse.ArgumentParser):
             self.error(f"{_name(action)} takes {choices}, not '{value}'{guess}")
 
     def error(self, message: str) -> NoReturn:
-        message = message.removeprefix("argument ").replace("expected one argument", "a value is missing after it")
+        message = message.removeprefix("argument ").replace("expected one argument", "needs a value")
         raise UsageError(f"{' '.join(message.split())} (see {self.prog} --help)")
 
 
@@ -210,7 +210,7 @@ def _path(word: str) -> Path:
     if "://" not in word:
         return Path(word)
     if (file := local_file(word)) is None:
-        raise UsageError(f"{word} is not on this machine, and this needs a file or folder that is")
+        raise UsageError(f"{word} is a URL: give a file or folder on this machine")
     return file
 
 

@@ -114,7 +114,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if outcome.stabilisation is not None:
         yield _steady_line(outcome.stabilisation)
     if outcome.ratio.declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
-        yield "unshutter: to straighten it nevertheless, say how long its camera takes for a frame: --readout-ms"
+        yield "unshutter: to straighten it anyway, give its readout time: --readout-ms"
     if outcome.lens is not None and outcome.rectified:
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
         view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
@@ -122,7 +122,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
-        yield f"unshutter: not kept, since it cannot be written into such a file: {', '.join(outcome.left_out)}"
+        yield f"unshutter: not kept, because it cannot be written into such a file: {', '.join(outcome.left_out)}"
     if outcome.gap_s is not None:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
@@ -169,7 +169,7 @@ timestamps are kept. Needs the extra `video`.""",
     when_stopped="no half-written file is left",
     essentials={
         "clip": "a film",
-        "output": "where to; default: NAME.rectified.EXT",
+        "output": "file to write; default: NAME.rectified.EXT",
         "readout_ms": "readout time of a frame, if you know it",
         "camera": "take its readout time (unshutter cameras lists them)",
         "model": "camera, or dense: near and far move differently",
@@ -178,6 +178,6 @@ timestamps are kept. Needs the extra `video`.""",
         "start": "from this second",
         "end": "up to this second",
         "preview": "before and after: a picture, or a short film (.mp4)",
-        "overwrite": "replace a result that exists already",
+        "overwrite": "replace an existing result",
     },
 )

@@ -97,7 +97,7 @@ class Map:
     reference: Reference | None = option(
         None, "Row whose capture time the result shows. Default: taken from the motion file, otherwise first."
     )
-    overwrite: bool = option(False, "Replace a map that exists already.")
+    overwrite: bool = option(False, "Replace an existing map.")
     find: Find = field(default_factory=Find)
 
 
@@ -122,7 +122,7 @@ MAP = Command(
         "inverse": "from the straightened picture to the photo",
         "size": "of the map, for a scaled copy of the photo",
         "reference": "row of the picture's moment: first, middle or last",
-        "overwrite": "replace a map that exists already",
+        "overwrite": "replace an existing map",
     },
 )
 
@@ -140,7 +140,7 @@ class Points:
     first_pixel: Literal["0", "0.5"] = option(
         "0", "Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP). Default: 0."
     )
-    overwrite: bool = option(False, "Replace a file that exists already.")
+    overwrite: bool = option(False, "Replace an existing file.")
 
 
 def _points(arguments: Points) -> int:
@@ -226,8 +226,8 @@ def serve(arguments: Settings) -> int:
 SERVE = Command(
     """Open a page for photos and clips in the browser, on this machine only: before and after, corrections, saving.
 
-They stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`, and `video` for
-clips.""",
+Your files stay on this machine, in a temporary folder that is removed when the page stops. Needs the extra `web`, and
+`video` for clips.""",
     Settings,
     serve,
 )

@@ -55,19 +55,19 @@ def _rectify(arguments: RectifyPhotos) -> int:
         into = Outputs.named(arguments.output, arguments.save_motion, arguments.masks)
         return rectify_files(arguments.photos, into, options, arguments.run)
     except UnknownRatioError as error:
-        raise error.with_advice("say --readout-ratio, or --readout-ms with --fps") from None
+        raise error.with_advice("give --readout-ratio, or --readout-ms with --fps") from None
 
 
 RECTIFY = Command(
     """Straighten photos: write what a global shutter would have seen.
 
-Several photos into a folder: what is finished there is not done again unless the photo or the options changed, and a
-run that was stopped goes on when the same command is given again.""",
+Of several photos into a folder, finished ones are skipped unless the photo or the options changed: run the same command
+again to continue a run that was stopped.""",
     RectifyPhotos,
     _rectify,
     essentials={
         "photos": "photos, or folders of photos",
-        "output": "where to: a file, or a folder for several photos",
+        "output": "output: a file, or a folder for several photos",
         "moving": "the camera moved: a train, a car, a drone",
         "before": "frame taken just before the photo",
         "after": "frame taken just after it",
@@ -76,7 +76,7 @@ run that was stopped goes on when the same command is given again.""",
         "strength": "how much to undo: 1 is all of it",
         "edges": "auto, keep, crop, fill or borrow",
         "min_confidence": "leave photos alone below this, 0 to 1",
-        "overwrite": "replace results that exist already",
+        "overwrite": "replace existing results",
         "preview": "a picture of before and after, side by side",
     },
 )
@@ -98,7 +98,7 @@ ESTIMATE = Command(
         "output": "JSON file, or a folder for several photos",
         "reference": "row that counts as not moving: first, middle or last",
         "plot": "draw the motion of one photo (extra `plot`)",
-        "overwrite": "replace outputs that exist already",
+        "overwrite": "replace existing outputs",
         "focal_px": "focal length in px, if you know it",
         "moving": "the camera moved: a train, a car, a drone",
     },

@@ -176,7 +176,7 @@ def link(
     if flow.consistent < _LEAST_CONSISTENT:
         raise UnshutterError(
             f"the frames have too little in common ({100 * flow.consistent:.0f} % of the picture is found in both): "
-            "give neighbours of the same shot"
+            "use neighbours from the same shot"
         )
     return Link(earlier, later, flow, apart)
 

@@ -343,5 +343,5 @@ def estimate_frames(
 def stated_time(clock: Clock, camera: Camera) -> ReadoutTime | None:
     """Returns the readout time that the keywords of a function state, or None if they state none."""
     if (camera.readout_ms is None) != (clock.fps is None):
-        raise UsageError("readout_ms and fps go together: what counts is their product")
+        raise UsageError("give both readout_ms and fps, or neither")
     return replace(clock, readout_ms=camera.readout_ms).readout_time

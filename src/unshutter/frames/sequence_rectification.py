@@ -68,14 +68,14 @@ class Frame:
         if self._size != following._size:
             sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
             raise UnshutterError(
-                f"{{photo}} has {sizes[0]} but {{neighbour}} has {sizes[1]}: neighbours must be of one size",
+                f"{{photo}} has {sizes[0]} but {{neighbour}} has {sizes[1]}: neighbours must have the same size",
                 photo=self.name,
                 neighbour=following.name,
             )
         if self.photo.bands != following.photo.bands:
             raise UnshutterError(
                 f"{{photo}} has {self.photo.bands} bands but {{neighbour}} has {following.photo.bands}: "
-                "neighbours must be of one kind",
+                "neighbours must have the same number of bands",
                 photo=self.name,
                 neighbour=following.name,
             )
@@ -132,7 +132,7 @@ class SequenceOptions:
         """Returns the clock of frames with this number of rows."""
         if self.time is None:
             raise UsageError(
-                "say how long a readout takes: --readout-ratio (readout time / time from frame to frame), or "
+                "give the readout time: --readout-ratio (readout time / time from frame to frame), or "
                 "--readout-ms with --fps"
             )
         return Timing(self.time.value, height)
@@ -218,7 +218,7 @@ def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
     if theirs.dtype != own.dtype:
         bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
         raise UnshutterError(
-            f"{{photo}} has {bits[0]} but {{neighbour}} has {bits[1]}: they must be alike",
+            f"{{photo}} has {bits[0]} but {{neighbour}} has {bits[1]}: they must have the same bit depth",
             photo=frame.name,
             neighbour=neighbour.name,
         )
@@ -299,7 +299,7 @@ def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[Rectified
             yield _by_any_means(before, current, following, options)
         before, current = current, following
     if before is None or current is None:
-        raise UsageError("needs at least two frames: one photo alone is for unshutter.rectify")
+        raise UsageError("needs at least two frames; for one photo, use unshutter.rectify")
     yield _by_any_means(before, current, None, options)
 
 

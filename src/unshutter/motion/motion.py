@@ -297,10 +297,10 @@ class Motion(ABC):
             if kind not in Motion._kinds:
                 _import_method(str(data.get("estimator")))
             if kind not in Motion._kinds:
-                raise UnshutterError(f"the motion file is of a kind that this version does not know: '{kind:.40}'")
+                raise UnshutterError(f"this version cannot read motion files of kind '{kind:.40}'")
             motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
         if height != motion.height:
-            raise UnshutterError(f"the motion file says height {height} but has {motion.height} rows")
+            raise UnshutterError(f"the motion file states a height of {height} but has {motion.height} rows")
         return motion
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -342,7 +342,7 @@ def _import_method(name: str) -> None:
     """Imports the method of another package that found a motion, and with it the package's kinds of motion."""
     points = errors.plugins("unshutter.estimators").select(name=name)
     if name in errors.LAB_METHODS and not points:
-        raise UnshutterError(f"the motion file is of {name}, which comes with unshutter-lab: {errors.lab()}")
+        raise UnshutterError(f"the motion file was made by {name}, which comes with unshutter-lab: {errors.lab()}")
     for point in points:
         try:
             import_module(point.load().home.partition(":")[0])

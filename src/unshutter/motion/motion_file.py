@@ -33,7 +33,7 @@ def check_size(height: int, width: int) -> None:
     if width < 1:
         raise UnshutterError("a motion needs a width of at least 1 px")
     if max(height, width) > MOST_SIDE:
-        raise UnshutterError(f"the motion is for a picture of more than {MOST_SIDE} px a side, and none is that large")
+        raise UnshutterError(f"the motion is for a picture of more than {MOST_SIDE} px a side, which is too large")
 
 
 def check_finite(*values: Any) -> None:
@@ -71,7 +71,7 @@ def check_aspect(height: int, width: int, new_height: int, new_width: int) -> No
     if new_height < 1 or abs((new_width / width) / (new_height / height) - 1) > 0.02 + 1 / min(new_height, height):
         raise UnshutterError(
             f"cannot fit a motion of {width}x{height} px to {new_width}x{new_height} px: "
-            "the aspect ratio differs, it belongs to another photo or readout direction"
+            "their aspect ratios differ, so it belongs to another photo or readout direction"
         )
 
 

@@ -18,7 +18,7 @@ MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
 _LONGEST_S = 1e9
 GYRO_OFF = "off"
 GIVEN = "given"  # source of a readout time that the user states
-JOIN = "FFmpeg joins pictures, ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 film.mp4"
+JOIN = "to make a film from pictures: ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 film.mp4"
 USUAL_PERIOD_S = 2.0
 _ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
 
@@ -65,9 +65,9 @@ class Shutter:
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
         if self.readout_ms is not None and self.readout_ratio is not None:
-            raise UsageError("say either --readout-ms or --readout-ratio")
+            raise UsageError("give --readout-ms or --readout-ratio, not both")
         if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
-            raise UsageError("say either the readout time or --camera")
+            raise UsageError("give a readout time or --camera, not both")
         check_time("readout", self.readout_ms, "ms")
         if self.lens is not None and self.focal_px is not None:
             raise UsageError("the lens file tells the focal length: leave out --focal-px")
@@ -212,7 +212,7 @@ class RectifyClip:
         page=False,
     )
     only_changed: bool = option(False, "Write nothing if no frame changes. Default: copy the clip.", page=False)
-    overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.", page=False)
+    overwrite: bool = option(False, "Replace existing output files, but never the clip itself.", page=False)
     json_log: Path | None = option(
         None, "Append a record of the run to this file: one JSON object per line.", names="output", page=False
     )
@@ -222,11 +222,15 @@ class RectifyClip:
 
     def __post_init__(self) -> None:
         if self.motion is not None and not self.shutter.is_empty:
-            raise UsageError("the motion file says how the camera was read out: leave out the camera's options")
+            raise UsageError("the motion file describes the camera: leave out --readout-ms, --focal-px and the like")
         if self.undo.model == "dense" and (self.motion is not None or self.save_motion is not None):
-            raise UsageError("motion files hold the camera's motion, which --model dense does not undo: use camera")
+            raise UsageError(
+                "motion files contain the camera's motion, which --model dense cannot undo: use --model camera"
+            )
         if self.steadiness.level and self.motion is not None:
-            raise UsageError("--level needs the clip's gyro log, which a motion file does not hold: leave out --motion")
+            raise UsageError(
+                "--level needs the clip's gyro log, which a motion file does not contain: leave out --motion"
+            )
         start, end = self.start or 0.0, math.inf if self.end is None else self.end
         if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
             raise UsageError("--start must be 0 or later, and --end after it, in seconds")

@@ -84,7 +84,7 @@ class Camera:
         Readout.parse(self.readout)
         if self.moving not in (None, *get_args(Moving)):
             ways = ", ".join(get_args(Moving))
-            raise UsageError(f"the way that the camera moved must be one of {ways}, got {self.moving}")
+            raise UsageError(f"the direction of the camera must be one of {ways}, got {self.moving}")
         if self.candidate is not None and self.candidate < 1:
             raise UsageError(f"candidates are counted from 1, got {self.candidate}")
         check_focal(self.focal_px)
@@ -113,7 +113,7 @@ class Camera:
         if self != Camera(self.readout):
             raise UsageError(
                 "focal length, roll, tilt, exposure, readout time, --moving, --no-film and --candidate are for finding "
-                "a motion: leave them out when you give one"
+                "a motion: leave them out if you give one"
             )
 
 
@@ -166,7 +166,7 @@ class Undo:
     )
     min_confidence: float | None = option(
         None,
-        "Least probability that the result is better than the photo, 0 to 1; below it, the photo is left unchanged. "
+        "Minimum probability that the result is better than the photo, 0 to 1; below it, the photo is left unchanged. "
         "0 undoes the likeliest motion, however unsure. A motion that you supply is undone whatever its confidence. "
         "Default: the gain that can be expected must outweigh the harm, which takes 0.5 to 0.6.",
         limits=(0, 1),
@@ -175,7 +175,7 @@ class Undo:
     def __post_init__(self) -> None:
         check_strength(self.strength)
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
-            raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
+            raise UsageError(f"the minimum confidence must lie between 0 and 1, got {self.min_confidence:g}")
         if self.edges != "borrow":
             check_edges(self.edges)
         if self.reference not in (None, *get_args(Reference)):
@@ -188,7 +188,7 @@ class Undo:
     def at_any_confidence(self) -> Undo:
         """Returns the options for a motion from the user, which is undone regardless of its confidence."""
         if self.min_confidence:
-            raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
+            raise UsageError("a given motion is undone whatever its confidence: leave out the minimum confidence")
         return replace(self, min_confidence=0)
 
 
@@ -258,7 +258,7 @@ class Clock:
 
     def __post_init__(self) -> None:
         if self.readout_ratio is not None and self.fps is not None:
-            raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
+            raise UsageError("give --readout-ratio, or --readout-ms with --fps, not both")
         for each in (self.readout_ms, self.fps):
             if each is not None and not 0 < each < math.inf:
                 raise UsageError(f"readout time and frame rate must be positive, got {each:g}")

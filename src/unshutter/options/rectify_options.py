@@ -58,7 +58,7 @@ class Rectify:
         if neighbours.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both set the moment of the picture: choose one")
         if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:
-            raise UsageError("--readout-ms and --fps go together: what counts is their product")
+            raise UsageError("give both --readout-ms and --fps, or neither")
         _ = self.readout_time  # raises for impossible numbers
         model_for(neighbours.model, neighbours.at, self.undo)
 
@@ -89,7 +89,7 @@ class Run:
         names="word",
     )
     verbose: bool = option(
-        False, "Say all about each photo of a folder; by default, each line says one thing.", short="-v"
+        False, "Print all details of each photo of a folder. Default: only the most important one.", short="-v"
     )
     dry_run: bool = option(False, "List what would be done without writing anything.")
     json_log: Path | None = option(
@@ -118,7 +118,7 @@ class Run:
         if self.timeout is not None and not 0 < self.timeout <= _LONGEST_TIMEOUT_S:
             raise UsageError(f"--timeout must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
         if self.timeout is not None and self.scheduler is not None:
-            raise UsageError("--timeout is for this machine: the workers of a scheduler have limits of their own")
+            raise UsageError("--timeout does not apply to the workers of a scheduler: leave it out")
         if self.jobs is not None and self.jobs < 1:
             raise UsageError(f"--jobs must be at least 1, got {self.jobs}")
         if self.max_pixels < 1:
@@ -159,12 +159,12 @@ class Estimate:
         metavar="FILE",
         names="input",
     )
-    overwrite: bool = option(False, "Replace outputs that exist already.")
+    overwrite: bool = option(False, "Replace existing outputs.")
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     find: Find = field(default_factory=Find)
 
     def __post_init__(self) -> None:
         if self.candidates and (self.plot or self.find.camera.candidate is not None):
-            raise UsageError("--candidates lists all of them: leave out --plot and --candidate")
+            raise UsageError("--candidates lists all motions: leave out --plot and --candidate")
         if self.candidates and self.lines:
-            raise UsageError("lines show one motion: leave out --candidates or --lines")
+            raise UsageError("--lines gives a single motion: leave out --candidates or --lines")

@@ -180,7 +180,7 @@ async def _motion(request: Request) -> Response:
     """The photo's motion as JSON, in the format of ``unshutter estimate``."""
     open_file, options = _open_file(request), _photo_options(request)
     if options.neighbours:
-        raise UsageError("neighbours show more than the motion of the camera: leave them out to get a motion")
+        raise UsageError("with neighbours, there may be no single motion: leave them out to save one")
     text = await _do(request, Urgency.NOW, photo_jobs.estimated, options)
     name = _header(motion_name(PurePosixPath(open_file.name).stem))
     return Response(text, media_type="application/json", headers={"unshutter-name": name})
@@ -280,7 +280,7 @@ async def _events(request: Request) -> Response:
                 try:
                     await asyncio.wait_for(changed.wait(), _ALIVE_S)
                 except TimeoutError:
-                    yield ": still at work\n\n"
+                    yield ": still being processed\n\n"
             if saving.state != "working" and not changed.is_set():
                 return
 
@@ -297,7 +297,7 @@ async def _download(request: Request) -> Response:
     """The zip file, or the one photo or clip."""
     result = _saving(request).result
     if result is None:
-        raise Missing("there is no such file, or not yet")
+        raise Missing("this file does not exist, or is not finished")
     return FileResponse(result, filename=result.name, headers={"unshutter-name": _header(result.name)})
 
 

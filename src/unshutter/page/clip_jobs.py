@@ -179,7 +179,7 @@ def _moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
 def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
     for frame in clip.iter_frames(max(time_s - clip.interval_s / 2, 0.0)):
         return frame
-    raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: its part ends before")
+    raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
 
 
 def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
@@ -199,7 +199,7 @@ def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: fl
         if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.motion.to_json())
             return moving
-    raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: its part ends before")
+    raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
 
 
 def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.ndarray:

@@ -71,7 +71,7 @@ class Guard:
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
         is_api = scope["path"].startswith("/api/")
         if (origin is not None and origin != f"http://{host}") or (is_api and site not in ("none", "same-origin")):
-            return _denial(403, "only unshutter's own page may ask this")
+            return _denial(403, "only unshutter's own page may send this request")
         kind, _, token = headers.get("authorization", "").partition(" ")
         is_known = kind.lower() == "bearer" and secrets.compare_digest(token.strip().encode(), self._token)
         if is_api and not is_known:
@@ -198,4 +198,4 @@ def _too_large(most: int) -> HTTPException:
 
 
 def _too_slow() -> HTTPException:
-    return HTTPException(408, "the file came too slowly, and was given up", _CLOSE)
+    return HTTPException(408, "the file arrived too slowly: the upload was cancelled", _CLOSE)

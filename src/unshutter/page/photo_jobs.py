@@ -214,7 +214,7 @@ def _rectified_between(
 def _check_size(photo: Photo, neighbour: Photo) -> None:
     sizes = [f"{each.width} × {each.height} px" for each in (neighbour, photo)]
     if sizes[0] != sizes[1]:
-        raise UnshutterError(f"it has {sizes[0]} and the photo {sizes[1]}, so they are not of one burst or clip")
+        raise UnshutterError(f"it has {sizes[0]} and the photo {sizes[1]}: they are not from the same burst or clip")
 
 
 def _motion_json(motion: Motion) -> dict[str, Any]:

@@ -143,7 +143,7 @@ class Saving:
                     self.now, self.progress, last_change_s = open_file, progress, clock.time()
                     self._wake()
                 elif progress is not None and clock.time() - last_change_s > _STANDSTILL_S:
-                    raise UnshutterError(f"given up: nothing was done for {_STANDSTILL_S:g} s")
+                    raise UnshutterError(f"cancelled: no progress for {_STANDSTILL_S:g} s")
             return job.result()
         finally:
             if not job.done():
@@ -177,7 +177,7 @@ class Savings:
     def get(self, id: str) -> Saving:
         """Returns the task with this id."""
         if id not in self._savings:
-            raise Missing("this saving is not known: the server may have been restarted")
+            raise Missing("this task is unknown: the server may have been restarted")
         return self._savings[id]
 
     def _files(self, item: Item) -> Iterator[OpenFile]:
@@ -193,7 +193,7 @@ class Savings:
             del self._savings[saving.id]
             saving.forget()
         if len(self._savings) >= _MOST_KEPT:
-            raise Busy("too many files are being saved at once: wait for one of these to end")
+            raise Busy("too many files are being saved at once: wait until one is finished")
 
 
 def _named(open_file: OpenFile) -> dict[str, Any]:
@@ -213,7 +213,7 @@ def photo_result(name: str, format: str | None) -> str:
     """Returns the name of a photo's result, as on the command line: ``street.rectified.jpg``, or of another format."""
     pure = PurePosixPath(name)
     if of_suffix(pure.suffix) is None and format is None:
-        raise UsageError(f"the name '{name}' does not say the picture's format: choose one for the result")
+        raise UsageError(f"the name '{name}' has no extension of a picture format: choose a format")
     return picture_name(pure, format)  # pyright: ignore[reportArgumentType]
 
 
@@ -230,7 +230,7 @@ def clip_result(name: str) -> str:
     try:
         check_ending(pure.suffix)
     except UnshutterError:
-        problem = f"the name '{name}' does not say what kind of film it is: give it an extension such as .mp4"
+        problem = f"the name '{name}' has no extension: add one such as .mp4"
         raise UsageError(problem) from None
     return film_name(pure)
 

@@ -129,7 +129,7 @@ class PhotoOptions:
 
     def __post_init__(self) -> None:
         if self.hand and self.neighbours:
-            raise UsageError("lines and numbers by hand are for a photo without neighbours: leave one or the other out")
+            raise UsageError("lines and numbers by hand cannot be combined with neighbours: leave out one of them")
 
     @property
     def rectify(self) -> Rectify:
@@ -141,7 +141,7 @@ def read(form: Mapping[str, str], photo: Callable[[str], Path]) -> PhotoOptions:
     """Parses the options of a photo; ``photo`` returns the path of an open photo, which names a neighbour."""
     options = _parsed(PhotoOptions, form, photo)
     if "@" in options.find.estimator:
-        raise UsageError("weights of your own are for the command line: name a method alone")
+        raise UsageError("your own weights work only on the command line: give the name of a method")
     return options
 
 

@@ -89,7 +89,7 @@ class Desk:
         """Returns the path of the open photo with this id."""
         open_file = self.store.get(id)
         if open_file.kind != "photo":
-            raise UsageError(f"{open_file.name} is a clip: the photos before and after a photo are photos, too")
+            raise UsageError(f"{open_file.name} is a clip: the frame before or after a photo must be a photo")
         return open_file.path
 
 
@@ -110,7 +110,7 @@ class Store:
         if len(self._sizes) >= self.most_files:
             raise Full(f"{self.most_files} files are open already: close some of them")
         if size > shutil.disk_usage(self.folder).free:
-            raise Full(f"there is no room for it in {self.folder.parent}: set TMPDIR to a folder on a larger disc")
+            raise Full(f"no disc space is left in {self.folder.parent}: set TMPDIR to a folder on a larger disc")
         id, name = secrets.token_urlsafe(9), clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
         is_known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)

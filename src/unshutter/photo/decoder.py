@@ -52,7 +52,7 @@ def recognise(source: Source) -> Format:
     if source.path:
         check_plain(source.path)
     if source.suffix == SEVERAL_PICTURES:
-        raise UnshutterError("{photo} holds several pictures (MPO): unshutter takes single photos", photo=source)
+        raise UnshutterError("{photo} contains several pictures (MPO): unshutter takes single photos", photo=source)
     try:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)

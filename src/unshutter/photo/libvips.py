@@ -85,8 +85,8 @@ def libvips() -> Any:
     """Imports pyvips, without libvips's log, which repeats errors on standard error, not always as text."""
     if _forked:
         raise UsageError(
-            "this process was forked from one that had worked on photos, which libvips does not survive: start it "
-            "afresh, ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
+            "this process was forked from one that had worked on photos, which libvips does not support: start it "
+            "with ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
         )
     first = "pyvips" not in sys.modules  # otherwise the log is the business of whoever imported it
     if first:

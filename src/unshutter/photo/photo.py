@@ -413,7 +413,7 @@ def _pixels(argument: Any) -> Any:
 
     if _is_pillow(argument):
         if argument.mode not in _PILLOW_MODES:
-            message = f"a Pillow image of mode {argument.mode} is not taken: convert it first, image.convert('RGB')"
+            message = f"a Pillow image of mode {argument.mode} is not supported: convert it first, image.convert('RGB')"
             raise UnshutterError(message)
         return np.asarray(argument)
     array = np.asarray(argument)

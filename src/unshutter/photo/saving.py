@@ -196,8 +196,8 @@ def _fitted_pixels(
     """
     if max(image.width, image.height) > format.longest_side:
         raise UnshutterError(
-            f"a picture of {image.width}x{image.height} px does not fit into {format.name.upper()}, "
-            f"which ends at {format.longest_side} px: choose another format"
+            f"a picture of {image.width}x{image.height} px is too large for {format.name.upper()}, "
+            f"whose limit is {format.longest_side} px: choose another format"
         )
     if image.hasalpha() and not format.alpha:
         image = image.flatten()

@@ -111,7 +111,7 @@ def estimate_files(request: Estimate) -> int:
     if inputs.many and request.plot:
         raise UsageError("--plot draws the motion of one photo only")
     if inputs.many and request.lines:
-        raise UsageError("--lines are those of one photo only")
+        raise UsageError("--lines is for one photo only")
     register.check_name(request.find.estimator)
     goal = Goal(output) if output else None
     targets = motion_targets(inputs, goal) if goal else {}

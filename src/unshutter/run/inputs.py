@@ -70,7 +70,7 @@ class Inputs:
             more = ", ..." if len(endings) > 5 else ""
             count = endings.total()
             text.append(f"{count} {_in_words(reason, count)} ({', '.join(names)}{more})")
-        return f"not taken: {'; '.join(text)}" if text else ""
+        return f"skipped: {'; '.join(text)}" if text else ""
 
 
 def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
@@ -82,7 +82,7 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
     inputs = Inputs()
     for source in map(place, sources):
         if source.suffix.lower() in FILM_SUFFIXES and not is_folder(source):
-            raise UsageError(f"{source} is a film, not a photo: unshutter video {source}")
+            raise UsageError(f"{source} is a film, not a photo: use unshutter video {source}")
         may_be_folder = isinstance(source, Path) or not source.suffix  # queries to a store are slow
         if not (may_be_folder and is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())

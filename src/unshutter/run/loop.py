@@ -130,7 +130,7 @@ class Batch:
             if isinstance(error, BrokenExecutor):
                 crashed[future] = job
             elif isinstance(error, CancelledError):
-                raise UnshutterError("the workers cannot be reached any more: give the same command again to go on")
+                raise UnshutterError("the workers cannot be reached any more: run the same command again to continue")
             elif error is not None:
                 line = f"{job.source}: {type(error).__name__}: {' '.join(str(error).split())}"
                 self._finish(job, Outcome(line))
@@ -202,7 +202,7 @@ class Batch:
                 del self._running[future]
         if self._running:
             with suppress(OSError):  # the terminal is closed
-                self.report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
+                self.report.tell("unshutter: finishing the photos in progress (press Ctrl-C again to abandon them)")
         while self._running:
             self._collect()
 

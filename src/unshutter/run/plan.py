@@ -56,11 +56,9 @@ class Goal:
         goal = self.place
         there = isinstance(goal, Path) and goal.is_dir()
         if isinstance(goal, Path) and goal.exists() and not there:
-            raise UsageError(f"{what} a folder to go to, but {goal} is a file")
+            raise UsageError(f"{what} a folder, but {goal} is a file")
         if goal.suffix.lower() in _FILE_SUFFIXES and not there and not os.fspath(self.text).endswith(("/", os.sep)):
-            raise UsageError(
-                f"{what} a folder to go to, but {goal.name} is the name of a file: leave out {goal.suffix}"
-            )
+            raise UsageError(f"{what} a folder, but {goal.name} is the name of a file: leave out {goal.suffix}")
 
 
 @dataclass(frozen=True)
@@ -155,7 +153,7 @@ def _checked(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Recti
     goal = into.pictures
     in_folder = goal is not None and goal.is_folder(inputs.many)
     if save.format and goal is not None and not in_folder:
-        raise UsageError(f"--format is for folders: the name '{goal.place.name}' says the format")
+        raise UsageError(f"--format is for folders: the name '{goal.place.name}' already sets the format")
     if neighbours and len(inputs.photos) > 1:
         raise UsageError(f"--before and --after are the neighbours of one photo, but there are {len(inputs.photos)}")
     if neighbours and run.scheduler is not None:

@@ -167,7 +167,7 @@ class Report:
                 mixed = f"only {changed} of {done} changed; a mixed set confuses the calibration"
                 self.tell(f"unshutter: {mixed}: use the originals, or leave out the others with --only-changed")
         if self._next_steps:
-            self.tell(f"unshutter: next, for what was left unchanged: {'; '.join(self._next_steps)}")
+            self.tell(f"unshutter: what to try for photos left unchanged: {'; '.join(self._next_steps)}")
         return exit_code(self.counts["failed"], self.total)
 
 
@@ -279,7 +279,7 @@ class Preview:
     def save(self) -> str:
         """Writes the picture; returns a line about it."""
         if not self._pairs:
-            return f"no photo was done: {self._path} was not written"
+            return f"no photo was processed: {self._path} was not written"
         sheet = _sheet([*self._pairs.values()])
         Photo.from_array(sheet, software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
         more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""

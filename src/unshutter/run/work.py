@@ -334,7 +334,8 @@ def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
         return rectify_between(photo, before, after, options)
     if job.motion is None:
         raise UnshutterError(
-            "{photo} could not be read when the motion of the sequence was found: start again", photo=job.source
+            "{photo} could not be read when the motion of the sequence was found: run the command again",
+            photo=job.source,
         )
     before, after = (place and open_photo(place, job.max_pixels) for place in (job.before, job.after))
     try:

@@ -314,7 +314,7 @@ def read_weights(path: Path | None) -> Weights:
         # RuntimeError: encrypted, or an unknown compression; SyntaxError: a header that is not valid Python
         raise WeightsError(f"cannot use the weights {path}: the file is damaged, or not an .npz of NumPy") from None
     if not _is_complete(weights):
-        raise WeightsError(f"cannot use the weights {path}: they are not of {_NAME}")
+        raise WeightsError(f"cannot use the weights {path}: they are not {_NAME} weights")
     return {each: array if each in _COUNTS else array.astype(np.float32) for each, array in weights.items()}
 
 

@@ -92,7 +92,7 @@ def check_name(name: str) -> None:
     own, _, weights = name.partition("@")
     entry = method(own)
     if weights and not entry.takes_weights:
-        raise UsageError(f"estimator '{own}' does not run on other weights: leave out @{weights}")
+        raise UsageError(f"estimator '{own}' accepts no other weights: leave out @{weights}")
 
 
 def weights_file(name: str) -> Path | None:

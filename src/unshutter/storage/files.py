@@ -101,7 +101,7 @@ class JsonLog:
         descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         try:
             if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
-                raise UnshutterError(f"{path} is not a log of unshutter: choose another name for --json-log")
+                raise UnshutterError(f"{path} is not an unshutter log: choose another name for --json-log")
             if is_torn(descriptor):
                 write_all(descriptor, b"\n")
         except OSError as error:

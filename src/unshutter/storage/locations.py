@@ -109,7 +109,7 @@ def names_below(
             try:
                 reason = "" if stat.S_ISREG(Path(top, name).stat().st_mode) else "pipes or devices"
             except OSError:
-                reason = "links that lead nowhere"
+                reason = "broken links"
             yield relative / name, reason
 
 
@@ -290,7 +290,7 @@ class RunFiles:
                 # regardless of case, as on some file systems
                 other = self._outputs.setdefault(name.casefold() if isinstance(name, str) else name, what)
                 if other != what:
-                    raise UsageError(f"{target} was named twice, for {other} and for {what}: choose another name")
+                    raise UsageError(f"{target} would be both {other} and {what}: choose another name")
 
     def check(self, target: Place) -> None:
         """Checks a place before it is written."""

@@ -57,16 +57,16 @@ class PixelFormat:
     def of(cls, pixel_format: av.VideoFormat | None) -> PixelFormat:
         """Returns the planes of an FFmpeg pixel format."""
         if pixel_format is None:
-            raise UnshutterError("the clip does not say how its pixels are stored")
+            raise UnshutterError("the clip does not state its pixel format")
         name, components = pixel_format.name, pixel_format.components
         by_plane = [[c for c in components if c.plane == k] for k in range(1 + max(c.plane for c in components))]
         depth = components[0].bits
         odd = any(len({(c.bits, c.width) for c in inside}) > 1 for inside in by_plane)
         packed = max(map(len, by_plane)) > 1
         if odd or pixel_format.has_palette or pixel_format.is_bit_stream or not 8 <= depth <= 16 or name.endswith("be"):
-            raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p first")
+            raise UnshutterError(f"cannot process the pixel format {name}: convert the clip to yuv420p first")
         if packed and depth not in (8, 16):  # P010 and similar formats place their bits differently
-            raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p10le first")
+            raise UnshutterError(f"cannot process the pixel format {name}: convert the clip to yuv420p10le first")
         planes = []
         for k, inside in enumerate(by_plane):
             across, down = -(-pixel_format.width // inside[0].width), -(-pixel_format.height // inside[0].height)
@@ -248,7 +248,7 @@ class Clip:
             raise _interlaced(self.path)
         if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
             raise UnshutterError(
-                f"{{clip}}: its frames change in size or kind at {frame.time or 0:.1f} s", clip=self.path
+                f"{{clip}}: its frames change in size or format at {frame.time or 0:.1f} s", clip=self.path
             )
         return frame
 
@@ -306,7 +306,7 @@ def upright(pixels: UInt8[np.ndarray, "rows columns 3"], turned_as: VideoFrame) 
 def _check_size(place: str, width: int, height: int, most: int) -> None:
     """Raises UnshutterError if frames are too small or too large to be processed."""
     if not width or not height:
-        raise UnshutterError("{clip} does not say how large its frames are", clip=place)
+        raise UnshutterError("{clip} does not state the size of its frames", clip=place)
     size = f"{width}x{height} px"
     if width * height > most:
         millions = f"({width * height / 1e6:.0f} megapixels), more than the limit of {most / 1e6:g} megapixels"
@@ -333,7 +333,7 @@ def _is_within(at: float | None, start: float | None, end: float | None) -> bool
 
 
 def _interlaced(place: str) -> UnshutterError:
-    return UnshutterError("{clip} is interlaced: its rows are of two moments; deinterlace it first", clip=place)
+    return UnshutterError("{clip} is interlaced (its rows show two moments): deinterlace it first", clip=place)
 
 
 # ---- frames ahead of their use, and tracks between them ----------------------------------------------------------

@@ -142,13 +142,13 @@ def rectify_clip_frames(
     known, undo = from_keywords(Camera, keywords), from_keywords(ClipUndo, keywords)
     steadiness, time = from_keywords(Steadiness, keywords), stated_time(from_keywords(Clock, keywords), known)
     if undo.edges not in ("fill", "keep"):
-        raise UsageError(f"frames of an iterator take edges fill or keep, not {undo.edges}")
+        raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {undo.edges}")
     camera = CameraMotion(time, focal_px, known.direction, fewest=FEWEST, whole_path=stabilize is not None)
     if stabilize is None:
         return _rectified(iter(frames), camera, undo)
     if iter(frames) is frames:
         raise UsageError(
-            "stabilize goes through the frames twice: pass a list, or an object that begins again each time it is "
+            "stabilize needs the frames twice: pass a list, or an object that begins again each time it is "
             "iterated over"
         )
     check_time("frames", fps, "frames per second")
@@ -176,7 +176,7 @@ def _steady(
     steady, scratch = stabilised(path, steadiness, 1 / fps), Scratch()
     for k, frame in enumerate(frames):
         if k == len(path):
-            raise UsageError("the frames are more in the second pass than in the first")
+            raise UsageError("the second pass has more frames than the first")
         yield _undone(frame, path.motion(k), undo, scratch, steady.view(k))
 
 
@@ -212,7 +212,7 @@ def _check(frame: np.ndarray, first: np.ndarray) -> None:
         raise UsageError(f"frames must have 1 to {_MOST_BANDS} bands, got {frame.shape[2]}")
     if (frame.shape, frame.dtype) != (first.shape, first.dtype):
         shapes = [f"{each.dtype} {'x'.join(map(str, each.shape))}" for each in (first, frame)]
-        raise UnshutterError(f"frames must be of one size and type: the first is {shapes[0]}, another {shapes[1]}")
+        raise UnshutterError(f"frames must have the same size and type: the first is {shapes[0]}, another {shapes[1]}")
     check_size(frame.shape[0], frame.shape[1], "a frame")
 
 

@@ -144,7 +144,7 @@ def _on_this_machine(source: str) -> str:
     """Returns a name that FFmpeg cannot misread: it interprets ``concat:a|b``, ``subfile,...:a`` and URLs."""
     file = place(source)
     if not isinstance(file, Path):
-        raise UnshutterError(f"{source} is not on this machine: clips are files of it")
+        raise UnshutterError(f"{source} is a URL: clips must be files on this machine")
     return os.path.abspath(file) if ":" in str(file) else str(file)
 
 
@@ -158,8 +158,8 @@ def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: Reado
         motion = load(options.motion)
         if (motion.height, motion.width) != (clip.height, clip.width):
             raise UnshutterError(
-                f"the motion file is of frames of {motion.width}x{motion.height} px, the clip has "
-                f"{clip.width}x{clip.height}: it is of another clip"
+                f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "
+                f"{clip.width}x{clip.height}: it belongs to another clip"
             )
         ratio = ReadoutTime(motion.ratio, 0.0, "motion file", unit_s=clip.interval_s)
         return Pipeline(replace(request, readout=motion.readout, lens=motion.lens), ratio, motion)
@@ -194,8 +194,8 @@ def _with_steady_views(pipeline: Pipeline) -> Pipeline:
         path.add(moving.motion, moving.step, moving.cut, moving.frame.time or 0.0)
     if pipeline.file_motion is not None and not any(path.middle_steps):
         raise UnshutterError(
-            f"{options.motion} does not say how the camera turned between frames: it is of an earlier version; "
-            "write it again with --save-motion"
+            f"{options.motion} is from an earlier version and lacks the turns between frames: "
+            "save it again with --save-motion"
         )
     up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
@@ -376,7 +376,7 @@ def _write_frames(
         else:
             writer.add_packet(item.packet)
     if not result.frames:
-        raise UnshutterError("{clip} has no frames there", clip=request.clip.path)
+        raise UnshutterError("{clip} has no frames in this part", clip=request.clip.path)
     writer.end()
     if motions is not None:
         motions.end()

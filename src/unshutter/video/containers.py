@@ -62,7 +62,7 @@ def film_of(container: Any, place: str) -> Any:
     """Returns the first stream of moving pictures; raises UnshutterError if there is none."""
     films = [s for s in container.streams.video if not s.disposition & 0x400]  # attached pictures are cover art
     if not films or films[0].codec_context is None:
-        raise UnshutterError("{clip} has no film in it, or one of an unknown kind", clip=place)
+        raise UnshutterError("{clip} contains no video, or an unknown kind", clip=place)
     return films[0]
 
 
@@ -92,7 +92,7 @@ def time_of(packet: Packet) -> float | None:
 def damaged(place: str, at: float | None) -> UnshutterError:
     """Returns the error for a film that is damaged at a given time [s]."""
     where = "" if at is None else f" at {at:.1f} s"
-    return UnshutterError(f"{{clip}} is damaged{where}: take what is whole with --start and --end", clip=place)
+    return UnshutterError(f"{{clip}} is damaged{where}: use the intact part with --start and --end", clip=place)
 
 
 def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:

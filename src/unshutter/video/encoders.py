@@ -70,7 +70,7 @@ class Encoder:
         if name in _CRF and not rate:
             options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
         elif encode.crf is not None and name not in _CRF:
-            raise UsageError(f"{name} has no such quality: leave out --crf")
+            raise UsageError(f"{name} does not support --crf: leave it out")
         if name == "libx264" and clip.frame_bytes > _LARGE:
             options["rc-lookahead"] = "4"
         if name == "libvpx-vp9":
@@ -87,7 +87,7 @@ class Encoder:
         try:
             stream = container.add_stream(self.name, rate=rate, options=dict(self.options))
         except ValueError:
-            raise UnshutterError(f"a file of the kind '{container.format.name}' cannot hold {self.name}") from None
+            raise UnshutterError(f"'{container.format.name}' files cannot contain {self.name}") from None
         context, source = stream.codec_context, like.codec_context
         stream.height, stream.width, stream.pix_fmt = *size, self.pixel_format
         context.time_base = _time_base(self.name, like.time_base or 1 / Fraction(rate), Fraction(rate))
@@ -113,7 +113,7 @@ def _checked(name: str, clip: Clip) -> str:
     except ValueError:
         raise UnshutterError(f"this FFmpeg has no encoder '{name}': {other_encoders(clip.pixels.name)}") from None
     if codec.type != "video":
-        raise UsageError(f"'{name}' is not an encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
+        raise UsageError(f"'{name}' is not a video encoder: choose libx264, libx265, libsvtav1 or prores_ks")
     takes = [each.name for each in codec.video_formats or []]
     if not takes or clip.pixels.name in takes:
         return clip.pixels.name

@@ -175,7 +175,7 @@ def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
         raise UnshutterError(f"cannot read gyro log {place}: {error.strerror}") from None
     log = log_of_camera(place)
     if log is None:
-        raise UnshutterError(f"{place}: no gyro log that can be read; Gyroflow's .gcsv logs always can")
+        raise UnshutterError(f"{place}: cannot read a gyro log from it; Gyroflow's .gcsv format works")
     return log
 
 

@@ -183,7 +183,7 @@ class ClipMotion:
         """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it."""
         k = int(np.abs(self.times_s - time_s).argmin())
         if abs(self.times_s[k] - time_s) > 0.001:
-            raise UnshutterError(f"the motion file has no frame at {time_s:.3f} s: it is of another clip")
+            raise UnshutterError(f"the motion file has no frame at {time_s:.3f} s: it belongs to another clip")
         return self.motions[k], self.cuts[k], self.steps[k]
 
 

@@ -181,7 +181,7 @@ def test_old_style_jpeg_is_refused():
     data = bytearray(encoded(drawn(), "TIFF", compression="jpeg"))
     at = data.index(struct.pack("<HHIH", 259, 3, 1, 7))
     struct.pack_into("<H", data, at + 8, 6)
-    with pytest.raises(UnshutterError, match="old style"):
+    with pytest.raises(UnshutterError, match="old-style"):
         Photo.from_bytes(bytes(data))
 
 

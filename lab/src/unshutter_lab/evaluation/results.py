@@ -79,10 +79,10 @@ class Store:
         lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
         before = _parsed(lines[0]) if lines else None
         if before != head:
-            problem = f"{self._path} is not the record of a run"
+            problem = f"{self._path} is not a record of a run"
             if before is not None:
                 other = "settings" if before.get("settings") != head["settings"] else "code"
-                problem = f"{self._path.parent} holds a run with other {other}"
+                problem = f"{self._path.parent} contains a run with other {other}"
             if lines and not overwrite:
                 raise UsageError(f"{problem}: choose another --output, or --overwrite it")
             return False
@@ -187,7 +187,7 @@ class Results:
         except OSError as error:
             raise UnshutterError(f"cannot read results {path}: {error.strerror}") from None
         except (ValueError, KeyError, TypeError):
-            raise UnshutterError(f"{path} holds no results of unshutter evaluate") from None
+            raise UnshutterError(f"{path} contains no results of unshutter evaluate") from None
 
     def to_csv(self) -> str:
         """Returns the records as CSV, one per line."""

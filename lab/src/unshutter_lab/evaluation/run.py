@@ -120,7 +120,7 @@ def _judged(tasks: list[_Task[AnyTrial]], jobs: int) -> Iterator[tuple[_Task[Any
         for done in as_completed(running):
             yield running[done], done.result()
     except BrokenProcessPool:
-        raise UnshutterError("a process died (out of memory?): what was finished is kept; try fewer --jobs") from None
+        raise UnshutterError("a process died (out of memory?): finished results are kept; try fewer --jobs") from None
     finally:
         for name, value in before.items():
             os.environ.pop(name)

@@ -64,9 +64,9 @@ def run_network(
     except OSError as error:
         raise UnshutterError(f"cannot start a process for the network: {error.strerror}") from None
     except subprocess.TimeoutExpired:
-        raise WeightsError(f"{refused}it was not done after {LONGEST_RUN_S:g} s") from None
+        raise WeightsError(f"{refused}it took longer than {LONGEST_RUN_S:g} s") from None
     if done.returncode == _REFUSED:
-        raise WeightsError(refused + (done.stdout.decode("utf-8", "replace") or f"they are not of {name}"))
+        raise WeightsError(refused + (done.stdout.decode("utf-8", "replace") or f"they are not {name} weights"))
     if done.returncode != 0:
         raise WeightsError(f"{refused}it makes its process crash")
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as outputs:

@@ -89,5 +89,5 @@ class SynthesizeClip:
         """Width and height [px]."""
         parts = self.frame.lower().split("x")
         if len(parts) != 2 or not all(part.isdigit() and len(part) < 6 for part in parts):
-            raise UsageError(f"say the frame's size as 1920x1080, not '{self.frame}'")
+            raise UsageError(f"write the frame size as 1920x1080, not '{self.frame}'")
         return int(parts[0]), int(parts[1])

@@ -75,7 +75,7 @@ class Stored(nn.Module):
         try:
             self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's exceptions have no common base class
-            raise UsageError(f"{path} holds no network: {' '.join(str(error).split())}") from None
+            raise UsageError(f"{path} contains no network: {' '.join(str(error).split())}") from None
 
     def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
         """Returns the file's output; for kandula2020, which has two, the row map only if requested."""

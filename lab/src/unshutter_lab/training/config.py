@@ -45,6 +45,7 @@ class TrainConfig:
     validate_every: int = 500  # steps between two validations, each of which adds a row to log.csv too
     checkpoint_minutes: float = 3.0
     continues: str = ""  # configuration whose finished run this one starts from; it needs --start
+    shipped: str = ""  # shipped network with whose weights a new run begins, if it names none
     keep_at: int = 0  # step whose checkpoint is kept as checkpoint-STEP.pt, for other runs to start from
     network: dict[str, Any] = field(default_factory=dict)
     data: dict[str, Any] = field(default_factory=dict)

@@ -235,7 +235,7 @@ class SegmentRecipe(Recipe):
         stored = network_of(read_weights(path)).state_dict()
         shapes = {name: value.shape for name, value in network.state_dict().items()}
         if shapes != {name: value.shape for name, value in stored.items()}:
-            raise UsageError(f"cannot start from {path}: it is a network of another size")
+            raise UsageError(f"cannot start from {path}: the size of its network differs")
         network.load_state_dict(stored)
 
     def export(self, network: nn.Module, path: Path) -> None:

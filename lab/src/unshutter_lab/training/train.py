@@ -13,7 +13,9 @@ import argparse
 import csv
 import math
 import os
+import signal
 import sys
+import threading
 import time
 from dataclasses import asdict, replace
 from itertools import chain
@@ -33,6 +35,7 @@ from unshutter_lab.training.recipes import make_recipe
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
 MODELS = ("model.npz", "model.onnx")  # of recipes (Recipe.model_file)
 PART = "checkpoint.part"  # next to a checkpoint while it is being written
+_SHIPPED = Path(__file__).parents[1] / "weights"
 
 
 def make_optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
@@ -76,7 +79,7 @@ def run(
         out: folder of runs.
         steps, base, photos, seed: see config.
         device: auto, cpu or cuda.
-        minutes: save and stop after this time.
+        minutes: save, export and stop after this time.
         start: checkpoint or exported network (.onnx, .npz) whose weights, as far as they fit, initialise a new run.
 
     Returns:
@@ -91,10 +94,15 @@ def run(
     torch.set_float32_matmul_precision("high")
     folder = Path(out) / find_config(config).stem
     _check_outputs(folder, settings, [find_config(config), find_config(base) if base else None, start])
+    is_new = not (folder / CHECKPOINT).exists()
+    if is_new and start is None and settings.shipped:
+        start = _SHIPPED / f"{settings.shipped}.onnx"
+    begun = f"a new run{f' from {start}' if start else ''}" if is_new else "the run continues"
+    print(f"{folder}: {begun}; preparing the pictures", flush=True)
     trainer = Trainer(settings, folder, _device(device), start)
     folder.mkdir(parents=True, exist_ok=True)
-    if trainer.train(minutes):
-        trainer.export()
+    trainer.train(minutes)
+    trainer.export()
     return folder
 
 
@@ -115,7 +123,7 @@ class Trainer:
     def __init__(self, config: TrainConfig, folder: Path, device: torch.device, start: Path | None = None):
         if config.continues and start is None and not (folder / CHECKPOINT).exists():
             raise UsageError(
-                f"this configuration goes on from a run of {config.continues}: "
+                f"this configuration continues a run of {config.continues}: "
                 f"--start runs/{config.continues}/{CHECKPOINT}"
             )
         self.config, self.folder, self.device = config, folder, device
@@ -132,20 +140,22 @@ class Trainer:
     def train(self, minutes: float | None = None) -> bool:
         """Runs to the last step, or for a number of minutes; returns whether the last step was reached."""
         started = saved = time.monotonic()
-        before = self.seconds
-        with TrainingLog(self.folder / LOG, self.step, self.config.steps) as log:
+        before, first = self.seconds, self.step + 1
+        with TrainingLog(self.folder / LOG, self.step, self.config.steps) as log, _Interrupt() as interrupt:
             while self.step < self.config.steps:
                 figures = self._one_step()
                 self.seconds = before + time.monotonic() - started
-                self._log(log, figures)
+                if self.step == first:
+                    print(f"step {first} of {self.config.steps} took {self.seconds - before:.1f} s", flush=True)
                 out_of_time = minutes is not None and time.monotonic() - started > 60 * minutes
+                self._log(log, figures, is_last=out_of_time or interrupt.number is not None)
                 overdue = time.monotonic() - saved > 60 * self.config.checkpoint_minutes
-                if overdue or out_of_time or self.step == self.config.steps:
+                if overdue or out_of_time or interrupt.number or self.step == self.config.steps:
                     self._save(CHECKPOINT)
                     saved = time.monotonic()
                 if self.step == self.config.keep_at:
                     self._save(f"checkpoint-{self.step}.pt")
-                if out_of_time:
+                if out_of_time or interrupt.number:
                     break
         return self.step >= self.config.steps
 
@@ -172,14 +182,14 @@ class Trainer:
         self.step += 1
         return {"loss": loss.item(), **figures, "gradient": norm.item()}
 
-    def _log(self, log: TrainingLog, figures: dict[str, float]) -> None:
-        """Adds a row every ``log_every`` steps, and with every validation."""
+    def _log(self, log: TrainingLog, figures: dict[str, float], *, is_last: bool) -> None:
+        """Adds a row every ``log_every`` steps, with every validation, and before a stop."""
         log.step(self.step)
         validated = self.step == self.config.steps or self.step % self.config.validate_every == 0
         if validated:
             self.average.eval()
             figures = figures | self.recipe.validate(self.average.module)
-        if validated or self.step % self.config.log_every == 0:
+        if validated or is_last or self.step % self.config.log_every == 0:
             log.add({"step": self.step, "seconds": round(self.seconds, 1), **figures})
 
     def _save(self, name: str) -> None:
@@ -194,6 +204,32 @@ class Trainer:
             self.average.load_state_dict(state["average"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.seconds = state["step"], state["seconds"]
+
+
+class _Interrupt:
+    """Holds Ctrl-C and SIGTERM back until a step is done and saved; a second one takes effect at once."""
+
+    def __init__(self) -> None:
+        self.number: int | None = None  # of the signal that came
+        self._handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> _Interrupt:
+        if threading.current_thread() is threading.main_thread():
+            self._handlers = {each: signal.signal(each, self._note) for each in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def _note(self, number: int, _frame: object) -> None:
+        self.number = number
+        self._restore()
+
+    def _restore(self) -> None:
+        for each, handler in self._handlers.items():
+            signal.signal(each, handler)
+
+    def __exit__(self, *error: object) -> None:
+        self._restore()
+        if self.number is not None and error[0] is None:
+            signal.raise_signal(self.number)
 
 
 def _device(word: str) -> torch.device:
@@ -219,7 +255,7 @@ def load_checkpoint(path: Path, config: TrainConfig, device: torch.device) -> di
         return None
     state = torch.load(path, map_location=device, weights_only=True)
     if _identity(state["config"]) != _identity(asdict(config)):
-        raise UsageError(f"{path.parent} holds a run of another configuration; choose another --out")
+        raise UsageError(f"{path.parent} contains a run of another configuration: choose another --out")
     return state
 
 

@@ -57,7 +57,7 @@ def load_fitting(network: nn.Module, weights: dict[str, torch.Tensor], path: Pat
     own = network.state_dict()
     fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
     if not fitting:
-        raise UsageError(f"cannot start from {path}: it is of another network")
+        raise UsageError(f"cannot start from {path}: it belongs to another network")
     network.load_state_dict(fitting, strict=False)
     return set(fitting)
 

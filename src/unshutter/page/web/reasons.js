@@ -49,12 +49,12 @@ export const reasons = {
   "film-too-short": () => "the film inside it is too short",
   "film-differs": () => "the film inside it shows something else",
   "film-stabilised": () => "the film inside it is stabilised",
-  "gyro-too-calm": () => "the camera hardly turned: the clip does not show which moment of its gyro log is which",
+  "gyro-too-calm": () => "the camera barely turned: the gyro log cannot be aligned with the clip",
   "gyro-too-short": () => "the gyro log ends before the clip, or has gaps",
   "gyro-disagrees": ({ correlation }) =>
-    `the picture does not follow the gyro log (correlation ${correlation.toFixed(2)}): the clip was stabilised, or the log is of another clip`,
+    `the picture does not follow the gyro log (correlation ${correlation.toFixed(2)}): the clip was stabilised, or the log belongs to another clip`,
   "gyro-damaged": () => "it is damaged",
   "gyro-unread": () => "reading it needs the extra gyro",
-  "stabilised-in-camera": () => "its camera stabilised the clip: when its rows were taken is unknown",
+  "stabilised-in-camera": () => "its camera stabilised the clip, so the times of its rows are unknown",
   "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
 };

@@ -32,5 +32,7 @@ def of_target(path: Path) -> WrittenFormat:
         return format
     endings = ", ".join(suffix for written in WRITTEN.values() for suffix in written.suffixes)
     if format is not None:
-        raise UsageError(f"cannot write '{path.name}': such files are only read; end the name in one of {endings}")
-    raise UsageError(f"cannot tell the picture format from '{path.name}': end the name in one of {endings}")
+        raise UsageError(
+            f"cannot write '{path.name}': unshutter only reads such files; use one of these extensions: {endings}"
+        )
+    raise UsageError(f"cannot tell the picture format from '{path.name}': use one of these extensions: {endings}")

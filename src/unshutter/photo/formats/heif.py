@@ -141,7 +141,7 @@ class Heic(Format):
         """See Format."""
         pixels = header.orientation.stored(_upright_pixels(source))
         if pixels.shape != (header.height, header.width, header.bands):
-            raise UnshutterError("{photo} is damaged: it holds another picture than it says", photo=source)
+            raise UnshutterError("{photo} is damaged: its headers do not match its picture", photo=source)
         return pixels
 
 
@@ -179,7 +179,7 @@ def _primary(source: Source) -> Any:
                 raise ValueError("names of its parts are not text")
             file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
             if not len(file):
-                raise ValueError("it holds no picture")
+                raise ValueError("it contains no picture")
             return file[file.primary_index]
     except Exception as error:
         if isinstance(error, OSError) and error.strerror:

@@ -91,7 +91,7 @@ class Raw(Format):
             if whole is None:
                 whole = is_complete(source, raw.raw_image, _sensor_values)
             if not whole:
-                raise UnshutterError("{photo} is incomplete: it ends before its picture does", photo=source)
+                raise UnshutterError("{photo} is incomplete: the file ends too early", photo=source)
             pixels = raw.postprocess(
                 rawpy.Params(
                     user_flip=0,
@@ -130,7 +130,7 @@ def _opened(source: Source) -> Iterator[Any]:
             yield raw
     except rawpy.LibRawIOError:
         raise UnshutterError(
-            "cannot read {photo} as a camera's raw file: it ends before its picture does", photo=source
+            "cannot read {photo} as a camera's raw file: the file ends too early", photo=source
         ) from None
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
         message = error.args[0] if error.args else type(error).__name__
@@ -261,7 +261,7 @@ def _whole_exif(tree: Tree) -> bytes | None:
 def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
     """Yields the names of metadata in a raw file that cannot be read here."""
     if tree is None:
-        yield "EXIF (of this kind of raw file it is not read)"
+        yield "EXIF (not read from this kind of raw file)"
     elif _PRIVATE_DATA in tree.pages[0]:
         yield "the maker's private data"
     if tree is not None and _whole_exif(tree) is None and maker_notes.is_incomplete(tree):

@@ -103,7 +103,7 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
     """Rejects files that libvips would read wrongly."""
     if numbers.get(_COMPRESSION) == _OLD_JPEG:
         raise UnshutterError(
-            "{photo} holds a JPEG in the old style of TIFF: save it again with another program first", photo=source
+            "{photo} contains an old-style JPEG: save it again with another program first", photo=source
         )
     if _COLOURS.get(numbers.get(_PHOTOMETRIC, -1)) == 1 and _extra_samples(numbers) > 1:
         raise UnshutterError(
