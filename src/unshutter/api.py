@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from unshutter.motion import Motion
 from unshutter.motion.rectified import Rectified, undo
 from unshutter.motion.verdict import Candidate, alone
-from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo
+from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo, Upright
 from unshutter.options.fields import check_type, for_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, open_photo
@@ -47,6 +47,7 @@ def rectify(
     strength: float = 1.0,
     edges: Edges = "auto",
     min_confidence: float | None = None,
+    upright: Upright | None = None,
 ) -> Rectified:
     """Removes rolling-shutter distortion from a photo.
 

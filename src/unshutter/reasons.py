@@ -62,6 +62,9 @@ class Code(StrEnum):
     UNSURE = "unsure", "not sure: it would help with a probability of {confidence:.2f}"
     UNSURE_WHETHER_MOVED = "unsure-whether-moved", "not sure whether the camera moved: confidence {confidence:.2f}"
     TOO_SMALL = "too-small", "it would move by less than half a pixel"
+    POSE_UNKNOWN = "pose-unknown", "the photo does not show how the camera was held"
+    TOO_ASKEW = "too-askew", "not levelled: held askew by {deg:.0f} degrees"
+    TOO_STEEP = "too-steep", "not made upright: tilted by {deg:.0f} degrees"
     # frames and clips
     STOOD_STILL = "stood-still", "the camera stood still"
     NOTHING_MOVED = "nothing-moved", "nothing moved between the frames"

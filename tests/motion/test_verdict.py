@@ -86,7 +86,7 @@ def test_no_strength_changes_nothing_and_says_so() -> None:
 
 def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
     motion = sheared(124, 0.36)
-    left = Verdict.of(motion, Undo(min_confidence=0.5)).left_alone(motion)
+    left = Verdict.of(motion, Undo(min_confidence=0.5)).undone(motion)
     assert left.is_zero
     assert (left.confidence, left.reason, left.width) == (0.36, Reason.of(Code.UNSURE, confidence=0.36, px=124.0), 100)
 

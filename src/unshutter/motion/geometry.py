@@ -362,7 +362,8 @@ class RowMotion(Motion, kind="rows"):
         shift = self.center_shift_px + float(tx)
         if not (self.rz_rad - rz).any():  # no rotation: the centre is irrelevant
             shift = 0.0
-        return replace(self, reference=reference, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz, center_shift_px=shift)
+        moved = replace(self, reference=reference, pose=self.pose_at(row), center_shift_px=shift)
+        return replace(moved, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz)
 
     def resized(self, height: int, width: int) -> RowMotion:
         """Returns this motion for the picture scaled to another size: t_x scales with the width, r_z does not change.

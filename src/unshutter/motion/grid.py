@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
 from unshutter.errors import CropTooSmallError
 from unshutter.motion import Motion
+from unshutter.motion.upright import Pose
 from unshutter.options import Edges
 
 if TYPE_CHECKING:
@@ -34,16 +36,25 @@ _TILE = (512, 512)  # rows and columns; with smaller tiles, threads wait for the
 _BAND_POINTS = 1 << 18  # number of positions computed at a time
 
 
-def gs_to_rs_map(motion: Motion) -> PositionMap:
-    """Returns the map of GS to RS positions: where a rectified picture samples the photo."""
+def gs_to_rs_map(motion: Motion, upright: Pose | None = None) -> PositionMap:
+    """Returns the map of GS to RS positions: where a rectified picture samples the photo.
+
+    The rectified picture is turned upright if ``upright`` is the pose to undo.
+    """
     motion.check_unfolded()
-    return _in_stored_frame(motion, motion.gs_to_rs)
+    if upright is None:
+        return _in_stored_frame(motion, motion.gs_to_rs)
+    lean = partial(upright.leaning, height=motion.height, width=motion.width)
+    return _in_stored_frame(motion, lambda col, row: motion.gs_to_rs(*lean(col, row)))
 
 
-def rs_to_gs_map(motion: Motion) -> PositionMap:
+def rs_to_gs_map(motion: Motion, upright: Pose | None = None) -> PositionMap:
     """Returns the map of RS to GS positions (closed form): where a distorted picture samples the original."""
     motion.check_unfolded()
-    return _in_stored_frame(motion, motion.rs_to_gs)
+    if upright is None:
+        return _in_stored_frame(motion, motion.rs_to_gs)
+    turn = partial(upright.leaning, height=motion.height, width=motion.width, back=True)
+    return _in_stored_frame(motion, lambda col, row: turn(*motion.rs_to_gs(col, row)))
 
 
 class Tile(NamedTuple):

@@ -16,6 +16,7 @@ import numpy as np
 from unshutter import errors
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.motion import motion_file
+from unshutter.motion.upright import Pose
 from unshutter.options import Reference
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
@@ -103,6 +104,7 @@ class Motion(ABC):
             (name, share); empty if the estimator does not report them.
         film: why the film inside the photo was not used; None if it was used or the photo has none.
         chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
+        pose, pose_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
         version: version of unshutter that created the motion.
 
     Raises:
@@ -128,6 +130,8 @@ class Motion(ABC):
     kind_shares: tuple[tuple[str, float], ...] = ()
     film: Reason | None = None
     chance: Chance | None = None
+    pose: Pose | None = None
+    pose_at_rest: Pose | None = None
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:
@@ -246,6 +250,10 @@ class Motion(ABC):
         col = np.array([[0.0, (self.width - 1) / 2, self.width - 1.0]])
         moved = self.rs_to_gs(col, row)
         return float(np.hypot(moved[0] - col, moved[1] - row).max())
+
+    def pose_at(self, row: int) -> Pose | None:
+        """Returns how the camera was held when a row was read; None if unknown."""
+        return None if self.pose is None else self.pose.rolled(float(self.rz_rad[row]))
 
     @property
     def common(self) -> dict[str, Any]:

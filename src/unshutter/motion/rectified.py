@@ -35,7 +35,7 @@ class Result:
 
     @property
     def changed(self) -> bool:
-        """Whether anything was undone; if not, :attr:`reason` explains why."""
+        """Whether anything was undone, the camera's pose included; if not, :attr:`reason` explains why."""
         return self.verdict.changes
 
     @property
@@ -160,7 +160,7 @@ class Rectified(Result):
         """Mask [H, W] bool of the pixels that the rolling-shutter photo shows (before any crop or fill)."""
         from unshutter.motion.warp import validity_mask
 
-        return validity_mask(self.motion)
+        return validity_mask(self.motion, self.verdict.upright)
 
 
 # ---- from a photo and its motion to the result --------------------------------------------------------------
@@ -177,12 +177,13 @@ def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> 
 
 def undo_judged(photo: Photo, motion: Motion, verdict: Verdict, edges: Edges) -> Rectified:
     """Carries out what :func:`judged` returned."""
+    undone = verdict.undone(motion)
     if not verdict.changes:
-        return Rectified(photo, verdict.left_alone(motion), photo, motion, verdict)
+        return Rectified(photo, undone, photo, motion, verdict)
     from unshutter.motion.warp import straighten
 
-    result = straighten(photo.pixels, motion, edges, photo.masked)
-    return Rectified(photo.with_pixels(result.pixels), motion, photo, motion, verdict, result.edges, result.whole)
+    result = straighten(photo.pixels, undone, edges, photo.masked, verdict.upright)
+    return Rectified(photo.with_pixels(result.pixels), undone, photo, motion, verdict, result.edges, result.whole)
 
 
 def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:

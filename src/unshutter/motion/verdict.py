@@ -13,7 +13,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.motion import Motion
-from unshutter.options import MIN_CONFIDENCE, Undo, check_time
+from unshutter.motion.upright import Pose
+from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
 from unshutter.orientation import scene_up
 from unshutter.reasons import Cause, Code, MotionSource, Reason, pixels
 
@@ -68,6 +69,7 @@ SURE, LIKELY = 0.95, 0.8  # least confidence of a verdict that is sure, or likel
 _LARGE = 1 / 12  # of the rows: an unsure motion with a larger displacement deserves a look
 _SMALLEST = 256  # estimated motions below 1 / this of the rows are within their error
 LEAST_PX = 0.5  # below this, resampling costs more sharpness than the correction gains
+_LEAST_LEAN_DEG = 1.0  # of the camera, from which a photo visibly leans
 
 _CAUSES = {
     Code.NO_MOTION: Cause.NO_MOTION,
@@ -112,7 +114,7 @@ class Certainty(StrEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a motion is undone, and why if it is not."""
+    """Whether a motion is undone, and why if it is not; and whether the photo is turned upright."""
 
     largest_px: float  # largest displacement that undoing the motion would cause [px]
     confidence: float | None = None  # of the motion: the probability that the result is better than the photo
@@ -122,6 +124,9 @@ class Verdict:
     rows: int = 0  # number of rows of the picture; 0 if unknown
     film: Reason | None = None  # why the film inside the photo was not used; None if it was used or the photo has none
     error_px: float | None = None  # expected mean displacement that remains if undoing the motion helps [px]
+    upright: Pose | None = None  # the pose of the camera that is undone; None: the photo is not turned
+    not_upright: Reason | None = None  # why the photo is not turned although that was asked for
+    leans: bool = False  # whether the photo leans, while the camera may have been rolled as well as moved
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
@@ -130,12 +135,21 @@ class Verdict:
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
         reason = _reason_against(motion, largest, sure, undo)
         error_px = None if motion.expected_error is None else motion.expected_error * motion.height
-        return cls(largest, sure, reason, source, motion.height, motion.film, error_px)
+        pose = motion.pose if reason is None else motion.pose_at_rest
+        upright, against = _turned(motion, pose, undo.upright) if undo.upright else (None, None)
+        unsure = reason is not None and _CAUSES.get(reason.code) is Cause.UNSURE and motion.roll_deg is None
+        leans = unsure and pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG
+        return cls(largest, sure, reason, source, motion.height, motion.film, error_px, upright, against, leans)
+
+    @property
+    def undoes(self) -> bool:
+        """Whether the motion is undone."""
+        return self.reason is None
 
     @property
     def changes(self) -> bool:
-        """Whether the motion is undone."""
-        return self.reason is None
+        """Whether the photo is changed: its motion is undone, or it is turned upright."""
+        return self.undoes or self.upright is not None
 
     @property
     def certainty(self) -> Certainty | None:
@@ -145,16 +159,16 @@ class Verdict:
     @property
     def needs_a_look(self) -> bool:
         """Whether a large but unsure motion is undone, so that someone should compare both pictures."""
-        return self.changes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.rows > 0
+        return self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.rows > 0
 
     @property
     def cause(self) -> Cause | None:
-        """Why the photo is left unchanged, as counted in summaries; None if the motion is undone."""
-        return None if self.reason is None else _CAUSES.get(self.reason.code, Cause.NO_EVIDENCE)
+        """Why the photo is left unchanged, as counted in summaries; None if it is changed."""
+        return None if self.changes or self.reason is None else _CAUSES.get(self.reason.code, Cause.NO_EVIDENCE)
 
     @property
     def sentence(self) -> str:
-        """Why the photo is left unchanged, e.g. ``only 3 straight segments found``; empty if the motion is undone."""
+        """Why the motion is not undone, e.g. ``only 3 straight segments found``; empty if it is."""
         if self.reason is None:
             return ""
         return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")
@@ -164,27 +178,33 @@ class Verdict:
         """Why the film inside the photo was not used; empty if it was used or the photo has none."""
         return "" if self.film is None else f"{self.film}: not used"
 
-    def left_alone(self, motion: Motion) -> Motion:
-        """Returns a zero motion with this verdict's reason, for a photo that is left unchanged."""
-        return replace(motion.scaled(0), reason=self.reason)
+    def undone(self, motion: Motion) -> Motion:
+        """Returns the motion, or if it is not undone, a zero motion with the reason."""
+        return motion if self.undoes else replace(motion.scaled(0), reason=self.reason)
 
     def described(self) -> str:
         """One-line summary: ``up to 41 px, confidence 0.93: likely, within about 2 px``, or why it is unchanged."""
         within = "" if self.error_px is None else f", within about {pixels(self.error_px)}"
         look = ", please look" if self.needs_a_look else ""
-        words = f"up to {pixels(self.largest_px)}{self._at_confidence}{within}{look}" if self.changes else self.sentence
-        return words if self.source is None else f"{words} (by the film inside it)"
+        words = f"up to {pixels(self.largest_px)}{self._at_confidence}{within}{look}" if self.undoes else self.sentence
+        words = words if self.source is None else f"{words} (by the film inside it)"
+        turned = self.not_upright if self.upright is None else self.upright.described()
+        return f"{turned}; {words}" if turned else words
 
     def as_json(self) -> dict[str, Any]:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
-        if self.error_px is not None and self.changes:
+        if self.error_px is not None and self.undoes:
             data["expected_error_px"] = round(self.error_px, 2)
         if self.source is not None:
             data["source"] = self.source
         if self.film is not None:
             data["film"] = self.film.as_json()
+        if self.upright is not None:
+            data["upright"] = {"roll_deg": round(self.upright.roll_deg, 2), "tilt_deg": self.upright.tilt_deg}
+        if self.not_upright is not None:
+            data["not_upright"] = self.not_upright.as_json()
         if self.reason is None:
             return data
         about = self.reason.as_json()
@@ -217,6 +237,17 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
         if sure < (MIN_CONFIDENCE if undo.min_confidence is None else undo.min_confidence):
             return Reason.of(Code.UNSURE, confidence=_two_decimals(sure), px=largest)
     return Reason(Code.TOO_SMALL) if largest < LEAST_PX else None
+
+
+def _turned(motion: Motion, pose: Pose | None, wish: Upright) -> tuple[Pose | None, Reason | None]:
+    """Returns the pose to undo, None if it is upright already or is left, and why it is left."""
+    roll, tilt = (
+        angle is not None and motion.attitude_from.startswith("given") for angle in (motion.roll_deg, motion.tilt_deg)
+    )
+    turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, (roll, tilt))
+    if isinstance(turned, Reason):
+        return None, turned
+    return (turned if turned.largest_px(motion.height, motion.width) >= LEAST_PX else None), None
 
 
 def _two_decimals(confidence: float) -> float:

@@ -32,6 +32,7 @@ from unshutter.motion.grid import (
     gs_to_rs_map,
     rs_to_gs_map,
 )
+from unshutter.motion.upright import Pose
 from unshutter.options import Edges, check_edges
 from unshutter.storage.files import new_array
 
@@ -63,7 +64,11 @@ def rectify_pixels(
 
 
 def straighten(
-    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
+    pixels: UInt[np.ndarray, "height width *bands"],
+    motion: Motion,
+    edges: Edges = "keep",
+    masked: bool = False,
+    upright: Pose | None = None,
 ) -> Straightened:
     """Computes the global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
@@ -76,27 +81,28 @@ def straighten(
             mirrors the photo at its border; ``auto`` crops if that leaves at least 80 % of the area, otherwise keeps.
             Less than a pixel outside, ``keep`` and ``crop`` repeat the border, so that no edge gets a black hairline.
         masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated separately, like a colour.
+        upright: the pose of the camera to undo in the same step; None: the picture is not turned.
     """
     check_edges(edges)
     policy = EdgePolicy(edges)
     _check_size(pixels, motion)
     height, width = pixels.shape[:2]
-    if motion.is_zero:
+    if motion.is_zero and upright is None:
         return Straightened(pixels, policy.without_motion((height, width)).edges)
-    grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
+    grid = SamplingGrid.of(gs_to_rs_map(motion, upright), height, width)
     decision = _decision(grid, policy)
     black_beyond = {"keep": _HAIRLINE, "fill": None}.get(decision.edges, math.inf)
     warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
     return Straightened(warped, decision.edges, decision.whole)
 
 
-def edge_decision(motion: Motion, edges: Edges) -> EdgeDecision:
+def edge_decision(motion: Motion, edges: Edges, upright: Pose | None = None) -> EdgeDecision:
     """Returns how :func:`straighten` would handle the edges of a photo with this motion."""
     check_edges(edges)
     policy, size = EdgePolicy(edges), motion.readout.frame_size(motion.height, motion.width)
-    if motion.is_zero:
+    if motion.is_zero and upright is None:
         return policy.without_motion(size)
-    return _decision(SamplingGrid.of(gs_to_rs_map(motion), *size), policy)
+    return _decision(SamplingGrid.of(gs_to_rs_map(motion, upright), *size), policy)
 
 
 def distort_pixels(
@@ -124,10 +130,10 @@ def sampled_pixels(
     return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, None if fill else 0.0, masked)
 
 
-def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
+def validity_mask(motion: Motion, upright: Pose | None = None) -> Bool[np.ndarray, "height width"]:
     """Computes which pixels of the rectified picture exist in the photo."""
     size = motion.readout.frame_size(motion.height, motion.width)
-    grid = SamplingGrid.of(gs_to_rs_map(motion), *size)
+    grid = SamplingGrid.of(gs_to_rs_map(motion, upright), *size)
     mask = np.empty(size, dtype=bool)
     for tile in grid.whole.tiles():
         mask[tile.within(grid.whole)] = grid.inside(*grid.positions(tile))

@@ -28,6 +28,7 @@ from unshutter.options.photo_options import (
     Save,
     Subsampling,
     Undo,
+    Upright,
     check_edges,
     check_focal,
     check_ratio,

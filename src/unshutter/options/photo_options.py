@@ -133,6 +133,7 @@ MOST_STRENGTH = 2.0
 
 Reference = Literal["first", "middle", "last"]
 Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
+Upright = Literal["level", "full"]
 
 
 def check_edges(edges: str) -> None:
@@ -171,9 +172,17 @@ class Undo:
         "Default: the gain that can be expected must outweigh the harm, which takes 0.5 to 0.6.",
         limits=(0, 1),
     )
+    upright: Upright | None = option(
+        None,
+        "Also turn the photo upright, whether or not the camera moved. level: undo its roll. full: undo its tilt, too, "
+        "which makes verticals parallel. Rolls above 8 degrees and tilts above 25 are left, unless you state them with "
+        "--roll-deg and --tilt-deg. Default: leave the photo as the camera was held.",
+    )
 
     def __post_init__(self) -> None:
         check_strength(self.strength)
+        if self.upright not in (None, *get_args(Upright)):
+            raise UsageError(f"unknown upright '{self.upright}': choose one of {', '.join(get_args(Upright))}")
         if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
             raise UsageError(f"the minimum confidence must lie between 0 and 1, got {self.min_confidence:g}")
         if self.edges != "borrow":
@@ -183,12 +192,18 @@ class Undo:
 
     def keeping_coordinates(self) -> Undo:
         """Returns the options with automatic edges set to keep, for results that keep the photo's coordinates."""
+        if self.upright:
+            raise UsageError(
+                "--upright turns the picture, but masks, motions and sequences keep its coordinates: leave it out"
+            )
         return replace(self, edges="keep") if self.edges == "auto" else self
 
     def at_any_confidence(self) -> Undo:
         """Returns the options for a motion from the user, which is undone regardless of its confidence."""
         if self.min_confidence:
             raise UsageError("a given motion is undone whatever its confidence: leave out the minimum confidence")
+        if self.upright:
+            raise UsageError("--upright is for a motion that is found with the photo: leave it out when you give one")
         return replace(self, min_confidence=0)
 
 

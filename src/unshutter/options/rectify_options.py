@@ -55,6 +55,8 @@ class Rectify:
             and not neighbours.fallback
         ):
             raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
+        if self.undo.upright:
+            raise UsageError("--upright is for single photos: leave it out, or --before, --after and --sequence")
         if neighbours.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both set the moment of the picture: choose one")
         if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:

@@ -121,7 +121,7 @@ def segments(open_file: OpenFile, options: PhotoOptions) -> dict[str, Any]:
         found = {"before": (col, row)}
         if not options.neighbours:  # motion from neighbours applies to places, not to lines
             motion, verdict = judged(*_motion_to_undo(open_file, photo, options), photo.height, photo.width)
-            found["after"] = rs_to_gs_map(motion)(col, row) if verdict.changes else (col, row)
+            found["after"] = rs_to_gs_map(verdict.undone(motion), verdict.upright)(col, row)
         size = photo.width, photo.height
         return {
             side: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for side, at in found.items()
@@ -176,11 +176,12 @@ def _rectified_alone(
     result, edges = {**verdict.as_json(), **_motion_json(motion)}, undo.edges
     if not verdict.changes:
         return pixels, result
+    motion, upright = verdict.undone(motion), verdict.upright
     if not draft:
-        decision = edge_decision(motion, undo.edges)
+        decision = edge_decision(motion, undo.edges, upright)
         result, edges = result | _edges_json(decision, full, photo.orientation), decision.edges
         motion = motion.resized(*motion.readout.frame_size(height, width))
-    return straighten(pixels, motion, "fill" if edges == "fill" else "keep").pixels, result
+    return straighten(pixels, motion, "fill" if edges == "fill" else "keep", upright=upright).pixels, result
 
 
 def _rectified_between(
@@ -270,7 +271,7 @@ def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) ->
         motion = chosen(_candidates_of(open_file, photo, asked.find), asked.find.camera.candidate)
     if not options.hand:
         return motion, asked.undo
-    return _adjusted(motion, options.hand), asked.undo.at_any_confidence()
+    return _adjusted(motion, options.hand), _by_hand(asked.undo)
 
 
 def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, str | None]:
@@ -282,7 +283,7 @@ def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rect
         motion, _ = _motion_to_undo(open_file, opened(open_file), options)
         file = open_file.path.with_name(f"hand-{digest(asked.find, options.hand)}.json")
         put_text(file, motion.to_json())
-        return Rectify(motion=file, undo=asked.undo, save=asked.save).settled(), motion.to_json()
+        return Rectify(motion=file, undo=_by_hand(asked.undo), save=asked.save).settled(), motion.to_json()
     kept = None if asked.neighbours else _kept_candidates(open_file, asked.find)
     return asked, chosen(kept, asked.find.camera.candidate).to_json() if kept else None
 
@@ -348,6 +349,11 @@ def _lines(text: str, photo: Photo) -> list[DrawnLine]:
         points = pixels_of(positions[::2], positions[1::2], (photo.width, photo.height), photo.orientation)
         lines.append(DrawnLine(kind, tuple(map(tuple, points.tolist()))))
     return lines
+
+
+def _by_hand(undo: Undo) -> Undo:
+    """Returns the options for a motion set by hand; lines that a person draws upright come out upright anyway."""
+    return replace(undo, upright=None).at_any_confidence()
 
 
 def _adjusted(motion: Motion, hand: ByHand) -> Motion:

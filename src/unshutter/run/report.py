@@ -178,6 +178,8 @@ def _next_steps(verdict: Verdict) -> Iterator[str]:
         yield "if the camera moved: --moving"
     if code in _BY_ITSELF:
         yield "with a frame taken just before or after: --before or --after"
+    if verdict.leans and not verdict.changes:
+        yield "if it leans: --upright level"
     if code is Code.UNSURE:
         yield "what else fits: unshutter estimate --candidates PHOTO"
 
@@ -226,6 +228,8 @@ def about(verdict: Verdict) -> str:
 
 def _advice(verdict: Verdict) -> str:
     """Names the option with which the photo would be changed; empty if there is none."""
+    if verdict.leans and not verdict.changes:
+        return "leans: the camera was turned, or moved; --upright straightens it either way"
     if verdict.reason is None or verdict.confidence is None:
         return ""
     if verdict.reason.code is Code.UNSURE:

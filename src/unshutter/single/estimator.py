@@ -11,6 +11,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.upright import Pose
 from unshutter.motion.verdict import Candidate, alone
 from unshutter.options import Camera
 from unshutter.orientation import Readout, scene_up
@@ -118,7 +119,11 @@ class View:
         """Returns the motion with what is known about the photo apart from its pixels."""
         held = self.attitude()
         roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
-        return replace(motion, roll_deg=roll, tilt_deg=tilt, attitude_from=held.source, exposure_s=self.exposure_s())
+        noted = replace(motion, roll_deg=roll, tilt_deg=tilt, attitude_from=held.source, exposure_s=self.exposure_s())
+        if held.roll_deg is None:
+            return noted
+        measured = Pose(held.roll_deg, held.tilt_deg, self.focal_px() / self.height, self.up)
+        return replace(noted, pose=motion.pose or measured, pose_at_rest=motion.pose_at_rest or measured)
 
     def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Motion:
         """Returns the answer of an estimator that declines.
@@ -145,6 +150,13 @@ class View:
             estimator=estimator,
             confidence=confidence,
         )
+
+    @staticmethod
+    def cubic_of(motion: Motion) -> np.ndarray:
+        """Returns the [6] coefficients of a motion of :meth:`cubic_motion`."""
+        u = (np.arange(motion.height) + 0.5) / motion.height
+        values = np.stack([motion.tx_px / motion.height, motion.rz_rad], axis=1)
+        return np.polynomial.polynomial.polyfit(u, values, 3)[1:].T.ravel()
 
     def rotation_motion(self, rotations: np.ndarray, estimator: str) -> Motion:
         """Returns the answer of an estimator that found rotations about three axes, first row as the reference.

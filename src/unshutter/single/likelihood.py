@@ -365,10 +365,10 @@ def likelihood_of(
     size: tuple[int, int],
     opinion: SecondOpinion | None = None,
     kinds: Sequence[MotionKind] = (),
+    beliefs: Beliefs | None = None,
 ) -> ManhattanLikelihood:
     """Returns the likelihood of a photo's segments, with focal length, roll and tilt as far as known."""
-    known = known_camera(view)
-    return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known, opinion=opinion, kinds=kinds)
+    return ManhattanLikelihood(segments, size[0], size[1] / size[0], beliefs, known_camera(view), opinion, kinds)
 
 
 def known_camera(view: View) -> KnownCamera:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +11,16 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
+from unshutter.motion.upright import Pose
 from unshutter.motion.verdict import Candidate, alone
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
-from unshutter.single.candidates import candidates_by_smear, candidates_of
+from unshutter.single.candidates import LEAST_GAIN, candidates_by_smear, candidates_of
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.likelihood import (
     MOST_SEGMENTS,
     STARTS,
+    ManhattanLikelihood,
     find_segments,
     in_rows,
     likelihood_of,
@@ -25,8 +28,8 @@ from unshutter.single.likelihood import (
     unusable,
 )
 from unshutter.single.network import SegmentNetwork
-from unshutter.single.prior import MotionKind, NetworkErrors, SecondOpinion, shipped
-from unshutter.single.search import PX, Posterior, displacement, explore
+from unshutter.single.prior import Beliefs, MotionKind, NetworkErrors, SecondOpinion, shipped
+from unshutter.single.search import PX, Posterior, cameras_for, displacement, explore
 
 
 class DoNothing(Estimator):
@@ -74,6 +77,9 @@ def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
     return tuple(replace(each, motion=view.noted(each.motion)) for each in candidates)
 
 
+_Modes = tuple[tuple[Candidate, ...], Posterior]
+
+
 class _RightAngles(Estimator):
     """Finds the posterior of the motion under the Manhattan likelihood (likelihood.py, search.py)."""
 
@@ -87,17 +93,41 @@ class _RightAngles(Estimator):
         reason = unusable(segments, view.height, view.width)
         if reason:
             return alone(view.no_motion(self.name, reason), view.photo.orientation)
-        return self._modes(view, segments, size)
+        candidates, posterior = self._modes(view, segments, size)
+        return _with_poses(candidates, posterior, likelihood_of(view, segments, size, beliefs=_HELD_ASKEW), view)
 
     @abstractmethod
-    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Candidate, ...]: ...
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes: ...
+
+
+_HELD_ASKEW = Beliefs(sigma_roll=math.radians(3), sigma_askew=math.radians(6))  # of photos that are to be turned
+
+
+def _with_poses(
+    candidates: tuple[Candidate, ...], posterior: Posterior, likelihood: ManhattanLikelihood, view: View
+) -> tuple[Candidate, ...]:
+    """Returns the candidates with how the camera was held: at rest, and given the motion of each.
+
+    None where the lines are not those of buildings, and so do not show it.
+    """
+    if min(posterior.lines_gain, posterior.gain_at_rest) < LEAST_GAIN:
+        return candidates
+    motions = np.array([np.zeros(6), *(view.cubic_of(each.motion) for each in candidates)])
+    near = [posterior.pose if motion.any() else posterior.pose_at_rest for motion in motions]
+    at_rest, *poses = (
+        Pose(-math.degrees(roll), math.degrees(tilt), math.exp(log_focal), view.up)
+        for roll, tilt, log_focal, _ in cameras_for(likelihood, motions, near).tolist()
+    )
+    held = [replace(each.motion, pose=pose, pose_at_rest=at_rest) for each, pose in zip(candidates, poses, strict=True)]
+    return tuple(replace(each, motion=motion) for each, motion in zip(candidates, held, strict=True))
 
 
 class Manhattan(_RightAngles):
     """manhattan: the motion, camera and focal length that make line segments straight and square; no learning."""
 
-    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Candidate, ...]:
-        return candidates_of(explore(likelihood_of(view, segments, size), STARTS), view, self.name)
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes:
+        posterior = explore(likelihood_of(view, segments, size), STARTS)
+        return candidates_of(posterior, view, self.name), posterior
 
 
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: range of the network's training data
@@ -126,14 +156,14 @@ class SegmentManhattan(_RightAngles):
         """Opens the network."""
         self._network.open()
 
-    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Candidate, ...]:
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes:
         _, tilt = view.attitude_deg()
         if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
-            likelihood = likelihood_of(view, segments, size, kinds=self.kinds)
-            return candidates_of(explore(likelihood, STARTS), view, self.name)
+            posterior = explore(likelihood_of(view, segments, size, kinds=self.kinds), STARTS)
+            return candidates_of(posterior, view, self.name), posterior
         posterior, answer = self.weigh(view, segments, size)
         by_smear = candidates_by_smear(posterior, view, self.name)
-        return by_smear or candidates_of(posterior, view, self.name, answer)
+        return by_smear or candidates_of(posterior, view, self.name, answer), posterior
 
     def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
         """Returns the posterior including the network's estimate, and that estimate: [6] coefficients."""

@@ -30,6 +30,7 @@ class Pose:
     roll: float  # clockwise rotation of the scene [rad]
     tilt: float  # upward tilt [rad]
     log_focal: float  # logarithm of the ratio of its focal length to the expected one
+    yaw: float = 0.0  # against the streets [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +210,20 @@ def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarr
 
 def _pose(likelihood: ManhattanLikelihood, unknowns: np.ndarray) -> Pose:
     expected = likelihood.prior.mean[LOG_FOCAL]
-    return Pose(float(unknowns[ROLL]), float(unknowns[TILT]), float(unknowns[LOG_FOCAL] - expected))
+    roll, tilt, log_focal, yaw = unknowns[[ROLL, TILT, LOG_FOCAL, YAW]].tolist()
+    return Pose(roll, tilt, log_focal - float(expected), yaw)
+
+
+def cameras_for(
+    likelihood: ManhattanLikelihood, motions: np.ndarray, near: Sequence[Pose]
+) -> Float64[np.ndarray, "motions 4"]:
+    """Returns the most probable camera (roll, tilt, log focal length, yaw) given each of the motions [M, 6].
+
+    The search for each begins at a pose that roughly fits.
+    """
+    expected = likelihood.prior.mean[LOG_FOCAL]
+    cameras = [(pose.roll, pose.tilt, pose.log_focal + expected, pose.yaw) for pose in near]
+    return descend(likelihood, np.concatenate([motions, cameras], axis=1), CAMERA)[0][:, CAMERA]
 
 
 def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray) -> Float64[np.ndarray, "motions"]:

@@ -8,11 +8,11 @@ import { make } from "./nodes.js";
 import { button, check, keys, reference, strength } from "./widgets.js";
 import { words } from "./words.js";
 
-const ALONE = ["strength", "moving", "anyway", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
+const ALONE = ["strength", "upright", "moving", "anyway", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
 const ABOUT_CAMERA = ["roll-deg", "tilt-deg"];
 const OWN = [...ABOUT_CAMERA, "exposure-s", "candidate", "start", "end"]; // true of one photo or clip alone
-const PLACED = [...ABOUT_CAMERA, "strength", "edges", "format", "reference", "moving", "min-confidence", "readout", "candidate"];
+const PLACED = [...ABOUT_CAMERA, "strength", "upright", "edges", "format", "reference", "moving", "min-confidence", "readout", "candidate"];
 const ELSEWHERE = ["neighbours", "clock", "byhand"]; // groups of options that have a section of their own
 
 export class Controls {
@@ -59,6 +59,7 @@ export class Controls {
       radio.checked = radio.value === (readout === "auto" ? "auto" : facts?.arrows[readout]);
     }
     for (const name of ALONE) this.fields[name].disabled = photo.between;
+    this.fields.upright.disabled ||= photo.byHand;
     this.save.disabled = photo.state === "failed" || !result || !(result.changed || options.format);
     this.save.title = this.save.disabled ? words.nothingChanged : "";
     this.saveMotion.disabled = photo.between || !result; // no motion of the camera alone
@@ -79,6 +80,7 @@ export class Controls {
     this.reference = reference("reference", about("photo", "reference"), (value) => this.#set("reference", value));
     return [
       ...this.strength.nodes,
+      this.#control("upright"),
       this.#check("leave", (on) => {
         this.photo.leave(on);
         this.on.change();
@@ -154,7 +156,8 @@ function sentences(photo) {
   const { result, options } = photo;
   const said = [];
   if (result.changed) {
-    said.push(result.neighbours ? words.moment(result.largest_px) : photo.byHand ? words.movedByHand(result.largest_px) : words.moved(result.largest_px));
+    if (result.upright) said.push(words.turnedUpright(result.upright));
+    if (!result.code) said.push(result.neighbours ? words.moment(result.largest_px) : photo.byHand ? words.movedByHand(result.largest_px) : words.moved(result.largest_px));
     if (result.edges === "crop" && result.whole < 1) said.push(words.edgesCrop(result.whole));
     if (result.edges === "keep") said.push(words.edgesKeep(result.whole));
     if (result.edges === "borrow") said.push(words.edgesBorrow);
@@ -166,7 +169,7 @@ function sentences(photo) {
   if (result.film) said.push(words.filmUnused(words.why(result.film)));
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   const nodes = said.map((line) => make("p", {}, line));
-  const sure = result.changed && !photo.byHand ? result.certainty : "";
+  const sure = result.changed && !result.code && !photo.byHand ? result.certainty : "";
   if (sure === "unsure") nodes.push(make("p", { class: "quiet" }, words.unsureHelp));
   if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sureAtLength[sure]));
   return nodes;

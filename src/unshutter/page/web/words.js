@@ -166,6 +166,7 @@ export const words = {
   },
   choices: {
     moving: { "": "not known", yes: "yes", left: "to the left", right: "to the right", up: "upwards", down: "downwards" },
+    upright: { "": "as it was taken", level: "level", full: "level, verticals parallel" },
     edges: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
     format: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
     model: { "": "as the frames show", camera: "alike: only the camera turned", dense: "differently" },
@@ -175,11 +176,15 @@ export const words = {
   help: {
     moving: "In a train, on a car, on a drone: motion is likely. The way it went decides between candidates.",
     strength: "How much of the motion to undo: 100 % is all of it",
+    upright: "Turned, whether or not the camera moved",
     edges: "Places that the photo did not see. Automatic: cut off where at least 80 % of the photo is left",
     format: "Of the file that is saved",
     "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
   },
 
+  upright: "Upright",
+  turnedUpright: ({ roll_deg: roll, tilt_deg: tilt }) => tilt === null ? `Levelled by ${Math.abs(roll).toFixed(1)}°.`
+    : `Made upright: turned by ${Math.abs(roll).toFixed(1)}°, tilted by ${Math.abs(tilt).toFixed(1)}°.`,
   edges: "Empty corners",
   reference: "As it was when this row was read",
   referenceOf: { first: "first", middle: "middle", last: "last" },

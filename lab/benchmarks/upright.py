@@ -1,0 +1,150 @@
+"""How upright ``rectify --upright`` makes photos that were held askew, taken by a camera that moved or did not.
+
+    python lab/benchmarks/upright.py FOLDER... [--logs FOLDER] [--draws 1] [--sheet FILE]
+
+Photos are turned by up to 5 degrees and cropped to their middle, as they are or distorted by a motion (drawn, or
+recorded: suites `native` and `trajectory`). The truth is how the camera of the undistorted photo was held, as its right
+angles show; photos without any are passed over. Verticals and level lines (parallel to the picture) of the true scene
+are followed through distortion and correction at 25 places: what they lean or slope afterwards, in degrees. For `level`,
+verticals are those in the middle column, because the others may converge.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from unshutter.motion import Motion, RowMotion
+from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
+from unshutter.motion.rectified import judged, undo_judged
+from unshutter.motion.upright import Pose
+from unshutter.options import Camera, Undo
+from unshutter.photo import Photo
+from unshutter.single.estimator import View
+from unshutter.single.methods import find_candidates
+from unshutter.single.register import load
+from unshutter_lab.evaluation.case import in_8_bits
+from unshutter_lab.synthesis.pairs import synthesize_native
+from unshutter_lab.synthesis.rotation_log import RotationLog
+from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
+
+_MOST_ROLL_DEG = 5.0
+_ROWS, _CANVAS = 256, 356
+_MOST_TILT_DEG = 25.0  # of the photos that are measured: more is left to the user
+_STEP = 4.0  # px on each side of a place, along a line
+
+
+def main() -> None:
+    """Prints a row for each condition and kind of correction."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("--logs", type=Path)
+    parser.add_argument("--draws", type=int, default=1)
+    parser.add_argument("--photos", type=int, default=1000, help="at most")
+    parser.add_argument("--sheet", type=Path, help="write ten results to look at: before, level, full")
+    arguments = parser.parse_args()
+    logs = sorted(arguments.logs.glob("*.npz")) if arguments.logs else []
+    estimator = load()
+    rows, pictures = defaultdict(list), []
+    paths = sorted(path for folder in arguments.folders for path in folder.rglob("*.jpg"))[: arguments.photos]
+    for number, path in enumerate(paths):
+        photo = Photo.open(path)
+        held = find_candidates(estimator, View(photo))[0].motion.pose_at_rest
+        if held is None or held.tilt_deg is None or max(abs(held.tilt_deg), 3 * abs(held.roll_deg)) > _MOST_TILT_DEG:
+            continue
+        for draw in range(arguments.draws):
+            for kind in ["still", "drawn", "recorded"][: 3 if logs else 2]:
+                rng = np.random.default_rng([number, draw, len(kind)])
+                roll = rng.uniform(-_MOST_ROLL_DEG, _MOST_ROLL_DEG)
+                rs, truth, focal_px = _taken(photo, roll, _motion(kind, rng, logs))
+                true_pose = replace(held, roll_deg=held.roll_deg + roll, focal=focal_px(held) / len(rs))
+                taken = Photo.from_array(rs)
+                known, view = View(photo).known_focal_px(), View(photo)
+                camera = Camera(focal_px=known)
+                found = find_candidates(estimator, View(taken, camera, view.focal_px()))[0].motion
+                shown = [rs]
+                for wish in (None, "level", "full"):
+                    motion, verdict = judged(found, Undo(upright=wish), *rs.shape[:2])
+                    done = undo_judged(taken, motion, verdict, "keep")
+                    errors = _left(done.motion, verdict.upright, truth, true_pose, wish != "full")
+                    for name in (kind, f"{kind}, {'moved' if verdict.undoes else 'left'}"):
+                        rows[name, wish].append(errors)
+                    shown.append(done.pixels)
+                    if verdict.not_upright:
+                        rows[f"{kind}, {verdict.not_upright.code}", wish].append(errors)
+                label = f"{path.stem} {kind} {roll:+.1f} undoes={verdict.undoes}"
+                pictures.append((label, shown, errors))
+                if errors[0] > 3 or errors[1] > 3:
+                    print("#", label, errors.round(2), verdict.upright, true_pose, flush=True)
+    for (name, wish), errors in sorted(rows.items(), key=str):
+        errors = np.array(errors)
+        middle, most = np.median(errors, axis=0), np.quantile(errors, 0.9, axis=0)
+        print(
+            f"| {name} | {wish or 'without'} | {len(errors)} | {middle[0]:.2f}, {most[0]:.2f} | {middle[1]:.2f}, {most[1]:.2f} |"
+        )
+    if arguments.sheet:
+        _save_sheet(pictures, arguments.sheet)
+
+
+def _motion(kind: str, rng: np.random.Generator, logs: list[Path]) -> DrawnMotion:
+    if kind == "recorded":
+        log = RotationLog.load(logs[int(rng.integers(len(logs)))])
+        return draw_from_trajectory(rng, log, 0.05, _ROWS, _ROWS, _CANVAS)
+    drawn = draw_quadratic(rng, _ROWS, _CANVAS)
+    if kind == "drawn":
+        return drawn
+    return DrawnMotion(RowMotion.zero(_CANVAS, _CANVAS), RowMotion.zero(_ROWS, _ROWS), {})
+
+
+def _taken(photo: Photo, roll_deg: float, drawn: DrawnMotion):
+    """Returns the rolling-shutter picture, its true motion, and the focal length of a pose in px of it."""
+    pixels = in_8_bits(photo)
+    pixels = np.broadcast_to(pixels, (*pixels.shape[:2], 3))
+    rows, columns = pixels.shape[:2]
+    matrix = cv2.getRotationMatrix2D(((columns - 1) / 2, (rows - 1) / 2), roll_deg, 1)  # counter-clockwise
+    turned = cv2.warpAffine(
+        np.ascontiguousarray(pixels), matrix, (columns, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+    )
+    if drawn.canvas.is_zero:
+        drawn = DrawnMotion(*(replace(each, tx_px=each.tx_px) for each in (drawn.canvas, drawn.crop)), {})
+    rs, gs, truth = synthesize_native(turned, drawn)
+    return (gs if drawn.crop.is_zero else rs), truth, lambda pose: pose.focal * rows
+
+
+def _left(motion: Motion, upright: Pose | None, truth: Motion, held: Pose, level: bool) -> np.ndarray:
+    """Returns how far verticals lean and level lines slope in the result, mean of absolute values [degrees]."""
+    height, width = truth.height, truth.width
+    col, row = (a.ravel() for a in np.meshgrid(*(np.linspace(0.1, 0.9, 5) * (side - 1) for side in (width, height))))
+    there = rs_to_gs_map(truth, held)(col, row)
+    seen, back = gs_to_rs_map(truth, held), rs_to_gs_map(motion, upright)
+    angles = []
+    for right, down in ((0.0, _STEP), (_STEP, 0.0)):
+        ends = [back(*seen(there[0] + side * right, there[1] + side * down)) for side in (-1, 1)]
+        across, along = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+        angles.append(np.degrees(np.arctan2(across, along) if down else np.arctan2(along, across)))
+    middle = angles[0].reshape(5, 5)[:, 2] if level else angles[0]
+    return np.array([np.abs(middle).mean(), np.abs(angles[1]).mean()])
+
+
+def _save_sheet(pictures: list, path: Path) -> None:
+    chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, 10).astype(int)]
+    strips = []
+    for label, shown, errors in chosen:
+        strip = cv2.resize(np.concatenate([np.broadcast_to(each, shown[0].shape) for each in shown], 1), (1600, 400))
+        for x in range(0, 1600, 40):
+            strip[:, x] = strip[:, x] // 2 + 64
+        cv2.putText(strip, f"{label} {errors.round(2)}", (4, 16), 0, 0.5, (255, 0, 0), 1)
+        strips.append(strip)
+    for k in (0, 5):
+        Photo.from_array(np.concatenate(strips[k : k + 5])).save(
+            path.with_stem(f"{path.stem}{k}").with_suffix(".png"), overwrite=True
+        )
+
+
+if __name__ == "__main__":
+    main()
