@@ -1,12 +1,12 @@
 """How upright ``rectify --upright`` makes photos that were held askew, taken by a camera that moved or did not.
 
-    python lab/benchmarks/upright.py FOLDER... [--logs FOLDER] [--draws 1] [--sheet FILE]
+    python lab/benchmarks/upright.py FOLDER... [--logs FOLDER] [--sheet FILE.png]
 
 Photos are turned by up to 5 degrees and cropped to their middle, as they are or distorted by a motion (drawn, or
-recorded: suites `native` and `trajectory`). The truth is how the camera of the undistorted photo was held, as its right
-angles show; photos without any are passed over. Verticals and level lines (parallel to the picture) of the true scene
-are followed through distortion and correction at 25 places: what they lean or slope afterwards, in degrees. For `level`,
-verticals are those in the middle column, because the others may converge.
+recorded with a readout of 50 ms). The truth is how the camera of the undistorted photo was held, as its right angles
+show; photos without any are passed over. Verticals and level lines (parallel to the picture) of the true scene are
+followed through distortion and correction at 25 places: what they lean or slope afterwards [degrees], median and 90th
+percentile of all photos. Without `full`, verticals are those in the middle column, because the others may converge.
 """
 
 from __future__ import annotations
@@ -43,49 +43,37 @@ def main() -> None:
     """Prints a row for each condition and kind of correction."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
-    parser.add_argument("--logs", type=Path)
-    parser.add_argument("--draws", type=int, default=1)
+    parser.add_argument("--logs", type=Path, help="folder of recorded motions")
     parser.add_argument("--photos", type=int, default=1000, help="at most")
-    parser.add_argument("--sheet", type=Path, help="write ten results to look at: before, level, full")
+    parser.add_argument("--sheet", type=Path, help="write ten results to look at: before, without, level, full")
     arguments = parser.parse_args()
     logs = sorted(arguments.logs.glob("*.npz")) if arguments.logs else []
-    estimator = load()
-    rows, pictures = defaultdict(list), []
+    estimator, rows, pictures = load(), defaultdict(list), []
     paths = sorted(path for folder in arguments.folders for path in folder.rglob("*.jpg"))[: arguments.photos]
     for number, path in enumerate(paths):
         photo = Photo.open(path)
-        held = find_candidates(estimator, View(photo))[0].motion.pose_at_rest
+        held = find_candidates(estimator, View(photo))[0].motion.held_at_rest
         if held is None or held.tilt_deg is None or max(abs(held.tilt_deg), 3 * abs(held.roll_deg)) > _MOST_TILT_DEG:
             continue
-        for draw in range(arguments.draws):
-            for kind in ["still", "drawn", "recorded"][: 3 if logs else 2]:
-                rng = np.random.default_rng([number, draw, len(kind)])
-                roll = rng.uniform(-_MOST_ROLL_DEG, _MOST_ROLL_DEG)
-                rs, truth, focal_px = _taken(photo, roll, _motion(kind, rng, logs))
-                true_pose = replace(held, roll_deg=held.roll_deg + roll, focal=focal_px(held) / len(rs))
-                taken = Photo.from_array(rs)
-                known, view = View(photo).known_focal_px(), View(photo)
-                camera = Camera(focal_px=known)
-                found = find_candidates(estimator, View(taken, camera, view.focal_px()))[0].motion
-                shown = [rs]
-                for wish in (None, "level", "full"):
-                    motion, verdict = judged(found, Undo(upright=wish), *rs.shape[:2])
-                    done = undo_judged(taken, motion, verdict, "keep")
-                    errors = _left(done.motion, verdict.upright, truth, true_pose, wish != "full")
-                    for name in (kind, f"{kind}, {'moved' if verdict.undoes else 'left'}"):
-                        rows[name, wish].append(errors)
-                    shown.append(done.pixels)
-                    if verdict.not_upright:
-                        rows[f"{kind}, {verdict.not_upright.code}", wish].append(errors)
-                label = f"{path.stem} {kind} {roll:+.1f} undoes={verdict.undoes}"
-                pictures.append((label, shown, errors))
-                if errors[0] > 3 or errors[1] > 3:
-                    print("#", label, errors.round(2), verdict.upright, true_pose, flush=True)
-    for (name, wish), errors in sorted(rows.items(), key=str):
-        errors = np.array(errors)
-        middle, most = np.median(errors, axis=0), np.quantile(errors, 0.9, axis=0)
+        for kind in ["still", "drawn", "recorded"][: 3 if logs else 2]:
+            rng = np.random.default_rng([number, 0, len(kind)])
+            roll = rng.uniform(-_MOST_ROLL_DEG, _MOST_ROLL_DEG)
+            rs, truth = _taken(photo, roll, _motion(kind, rng, logs))
+            true = replace(held, roll_deg=held.roll_deg + roll, focal=held.focal * photo.height / len(rs))
+            view = View(Photo.from_array(rs), Camera(focal_px=View(photo).known_focal_px()), View(photo).focal_px())
+            found, shown = find_candidates(estimator, view)[0].motion, [rs]
+            for wish in (None, "level", "full"):
+                motion, verdict = judged(found, Undo(upright=wish), *rs.shape[:2])
+                done = undo_judged(view.photo, motion, verdict, "keep")
+                errors = _left(done.motion, verdict.upright, truth, true, wish != "full")
+                for name in (kind, f"{kind}, {'moved' if verdict.undoes else 'left'}"):
+                    rows[name, wish].append(errors)
+                shown.append(done.pixels)
+            pictures.append((f"{path.stem} {kind} {roll:+.1f}", shown, errors))
+    for (name, wish), listed in sorted(rows.items(), key=str):
+        (lean, slope), (most_lean, most_slope) = np.median(listed, axis=0), np.quantile(listed, 0.9, axis=0)
         print(
-            f"| {name} | {wish or 'without'} | {len(errors)} | {middle[0]:.2f}, {most[0]:.2f} | {middle[1]:.2f}, {most[1]:.2f} |"
+            f"| {name} | {wish or 'without'} | {len(listed)} | {lean:.2f} ({most_lean:.2f}) | {slope:.2f} ({most_slope:.2f}) |"
         )
     if arguments.sheet:
         _save_sheet(pictures, arguments.sheet)
@@ -101,8 +89,8 @@ def _motion(kind: str, rng: np.random.Generator, logs: list[Path]) -> DrawnMotio
     return DrawnMotion(RowMotion.zero(_CANVAS, _CANVAS), RowMotion.zero(_ROWS, _ROWS), {})
 
 
-def _taken(photo: Photo, roll_deg: float, drawn: DrawnMotion):
-    """Returns the rolling-shutter picture, its true motion, and the focal length of a pose in px of it."""
+def _taken(photo: Photo, roll_deg: float, drawn: DrawnMotion) -> tuple[np.ndarray, Motion]:
+    """Returns the picture of a camera that was turned clockwise and moved, and its true motion."""
     pixels = in_8_bits(photo)
     pixels = np.broadcast_to(pixels, (*pixels.shape[:2], 3))
     rows, columns = pixels.shape[:2]
@@ -110,10 +98,8 @@ def _taken(photo: Photo, roll_deg: float, drawn: DrawnMotion):
     turned = cv2.warpAffine(
         np.ascontiguousarray(pixels), matrix, (columns, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
     )
-    if drawn.canvas.is_zero:
-        drawn = DrawnMotion(*(replace(each, tx_px=each.tx_px) for each in (drawn.canvas, drawn.crop)), {})
     rs, gs, truth = synthesize_native(turned, drawn)
-    return (gs if drawn.crop.is_zero else rs), truth, lambda pose: pose.focal * rows
+    return (gs if drawn.crop.is_zero else rs), truth
 
 
 def _left(motion: Motion, upright: Pose | None, truth: Motion, held: Pose, level: bool) -> np.ndarray:

@@ -362,7 +362,7 @@ class RowMotion(Motion, kind="rows"):
         shift = self.center_shift_px + float(tx)
         if not (self.rz_rad - rz).any():  # no rotation: the centre is irrelevant
             shift = 0.0
-        moved = replace(self, reference=reference, pose=self.pose_at(row), center_shift_px=shift)
+        moved = replace(self, reference=reference, held=self.held_at(row), center_shift_px=shift)
         return replace(moved, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz)
 
     def resized(self, height: int, width: int) -> RowMotion:

@@ -103,8 +103,7 @@ class Motion(ABC):
         kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
             (name, share); empty if the estimator does not report them.
         film: why the film inside the photo was not used; None if it was used or the photo has none.
-        chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
-        pose, pose_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
+        held, held_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
         version: version of unshutter that created the motion.
 
     Raises:
@@ -129,9 +128,8 @@ class Motion(ABC):
     exposure_s: float | None = None
     kind_shares: tuple[tuple[str, float], ...] = ()
     film: Reason | None = None
-    chance: Chance | None = None
-    pose: Pose | None = None
-    pose_at_rest: Pose | None = None
+    held: Pose | None = None
+    held_at_rest: Pose | None = None
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:
@@ -251,9 +249,9 @@ class Motion(ABC):
         moved = self.rs_to_gs(col, row)
         return float(np.hypot(moved[0] - col, moved[1] - row).max())
 
-    def pose_at(self, row: int) -> Pose | None:
+    def held_at(self, row: int) -> Pose | None:
         """Returns how the camera was held when a row was read; None if unknown."""
-        return None if self.pose is None else self.pose.rolled(float(self.rz_rad[row]))
+        return None if self.held is None else self.held.rolled(float(self.rz_rad[row]))
 
     @property
     def common(self) -> dict[str, Any]:

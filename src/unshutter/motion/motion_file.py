@@ -112,7 +112,7 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         data["kinds"] = {name: round(share, 4) for name, share in common["kind_shares"]}
     if common["film"] is not None:
         data["film"] = common["film"].as_json()
-    data |= {name: asdict(common[name]) for name in ("pose", "pose_at_rest") if common[name] is not None}
+    data |= {name: asdict(common[name]) for name in ("held", "held_at_rest") if common[name] is not None}
     return json.dumps(data)
 
 
@@ -143,7 +143,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
             (visible(str(name)), float(share)) for name, share in dict(data.get("kinds") or {}).items()
         ),
         "film": Reason.from_json(data["film"]) if "film" in data else None,
-        **{name: Pose(**data[name]) for name in ("pose", "pose_at_rest") if name in data},
+        **{name: Pose(**data[name]) for name in ("held", "held_at_rest") if name in data},
         "version": visible(str(data.get("unshutter", ""))),
     }
 

@@ -135,7 +135,7 @@ class Verdict:
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
         reason = _reason_against(motion, largest, sure, undo)
         error_px = None if motion.expected_error is None else motion.expected_error * motion.height
-        pose = motion.pose if reason is None else motion.pose_at_rest
+        pose = motion.held if reason is None else motion.held_at_rest
         upright, against = _turned(motion, pose, undo.upright) if undo.upright else (None, None)
         unsure = reason is not None and _CAUSES.get(reason.code) is Cause.UNSURE and motion.roll_deg is None
         leans = unsure and pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG

@@ -123,7 +123,7 @@ class View:
         if held.roll_deg is None:
             return noted
         measured = Pose(held.roll_deg, held.tilt_deg, self.focal_px() / self.height, self.up)
-        return replace(noted, pose=motion.pose or measured, pose_at_rest=motion.pose_at_rest or measured)
+        return replace(noted, held=motion.held or measured, held_at_rest=motion.held_at_rest or measured)
 
     def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Motion:
         """Returns the answer of an estimator that declines.

@@ -118,7 +118,7 @@ def _with_poses(
         Pose(-math.degrees(roll), math.degrees(tilt), math.exp(log_focal), view.up)
         for roll, tilt, log_focal, _ in cameras_for(likelihood, motions, near).tolist()
     )
-    held = [replace(each.motion, pose=pose, pose_at_rest=at_rest) for each, pose in zip(candidates, poses, strict=True)]
+    held = [replace(each.motion, held=pose, held_at_rest=at_rest) for each, pose in zip(candidates, poses, strict=True)]
     return tuple(replace(each, motion=motion) for each, motion in zip(candidates, held, strict=True))
 
 
