@@ -113,7 +113,7 @@ def test_motion_and_pose_are_undone_in_one_warp() -> None:
     assert edge_decision(motion, "crop", HELD).whole == result.whole
     kept = straighten(pixels, RowMotion.zero(HEIGHT, WIDTH), "keep", upright=HELD).pixels
     outside = ~validity_mask(RowMotion.zero(HEIGHT, WIDTH), HELD)
-    assert 0 < outside.sum() and (kept[cv2.erode(outside.astype(np.uint8), np.ones((5, 5))) > 0] == 0).all()
+    assert outside.sum() > 0 and (kept[cv2.erode(outside.astype(np.uint8), np.ones((5, 5))) > 0] == 0).all()
 
 
 def test_the_pose_is_that_of_the_reference_row() -> None:

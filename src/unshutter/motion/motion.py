@@ -103,6 +103,7 @@ class Motion(ABC):
         kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
             (name, share); empty if the estimator does not report them.
         film: why the film inside the photo was not used; None if it was used or the photo has none.
+        chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
         held, held_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
         version: version of unshutter that created the motion.
 
@@ -128,6 +129,7 @@ class Motion(ABC):
     exposure_s: float | None = None
     kind_shares: tuple[tuple[str, float], ...] = ()
     film: Reason | None = None
+    chance: Chance | None = None
     held: Pose | None = None
     held_at_rest: Pose | None = None
     version: str = __version__
