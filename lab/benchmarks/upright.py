@@ -72,9 +72,8 @@ def main() -> None:
             pictures.append((f"{path.stem} {kind} {roll:+.1f}", shown, errors))
     for (name, wish), listed in sorted(rows.items(), key=str):
         (lean, slope), (most_lean, most_slope) = np.median(listed, axis=0), np.quantile(listed, 0.9, axis=0)
-        print(
-            f"| {name} | {wish or 'without'} | {len(listed)} | {lean:.2f} ({most_lean:.2f}) | {slope:.2f} ({most_slope:.2f}) |"
-        )
+        figures = f"{lean:.2f} ({most_lean:.2f}) | {slope:.2f} ({most_slope:.2f})"
+        print(f"| {name} | {wish or 'without'} | {len(listed)} | {figures} |")
     if arguments.sheet:
         _save_sheet(pictures, arguments.sheet)
 
