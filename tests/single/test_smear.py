@@ -10,7 +10,8 @@ from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutTime
 from unshutter.single.estimator import View
 from unshutter.single.register import load
-from unshutter.single.sharpness import Smear, smear_of, speed_limit
+from unshutter.single.sharpness import speed_limit
+from unshutter.single.smear import Smear, smear_of
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.row_motions import distorted
 
@@ -48,7 +49,22 @@ def smear_in(pixels: np.ndarray, readout: ReadoutTime = KNOWN) -> Smear | None:
 def test_the_length_of_smears_says_how_far_the_picture_moved(tx_px: float) -> None:
     smear = smear_in(moved(tx_px)[1])
     assert smear is not None
-    assert smear.tx_px == pytest.approx(abs(tx_px), rel=0.15)
+    assert 400 * smear.speed[0] == pytest.approx(abs(tx_px), rel=0.1)
+
+
+def test_the_length_of_smears_of_every_row_says_how_the_speed_changes() -> None:
+    motion, pixels = moved(10, 40)
+    smear = smear_in(pixels)
+    assert smear is not None
+    expected = np.polyfit(np.linspace(-0.5, 0.5, 400), np.gradient(motion.tx_px), 1)[::-1]  # [rows per row]
+    assert smear.speed == pytest.approx(expected, rel=0.2)
+
+
+def test_smears_of_a_turning_camera_show_its_speed_at_every_row() -> None:
+    coefficients, u = np.array([0.1, 0.02, -0.03, 0.05, 0.04, 0.02]), np.linspace(0, 1, 4001)
+    tx, rz = (np.gradient(c @ [u, u**2, u**3], u) for c in coefficients.reshape(2, 3))
+    speed = np.polyfit(u - 0.5, tx - rz * (u - 0.5), 1)[::-1]
+    assert Smear.jacobian() @ coefficients == pytest.approx(speed, abs=0.002)
 
 
 def test_a_sharp_photo_and_one_that_moved_upwards_show_no_such_smears() -> None:

@@ -3,8 +3,8 @@
 The candidates are the mean of the posterior, its most probable modes, and the photo as it is. What undoing each would
 do is known from experience (prospects.py); the one with the largest expected benefit is undone, if that is positive.
 
-The smear of a photo gives |t_x| over the readout (sharpness.py) and shows that the camera moved. Each mode of the
-posterior is then taken twice, with t_x = +|t_x| and -|t_x| as a further linear Gaussian observation; its mean,
+The smears of a photo give the speed of every row, except for its sign (smear.py), and show that the camera moved. Each
+mode of the posterior is then taken twice, with either sign as two further linear Gaussian observations; its mean,
 covariance and share follow in closed form. The evidence of right angles on the direction is tempered, as is their
 evidence on whether the camera moved; if they do not decide the direction, the smear is not used.
 """
@@ -23,7 +23,7 @@ from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prospects import MOVING, Option, Prospect, experience, prospect
 from unshutter.single.search import Optima, Posterior, displacement, expected_error, mixture_moments
-from unshutter.single.sharpness import smear_of
+from unshutter.single.smear import Smear, smear_of
 
 _SIDE = 480  # px, short side of the copy in which smears are measured
 _TEMPER = 0.1  # exponent that tempers the evidence of right angles
@@ -42,12 +42,13 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     smear = smear_of(grey, view.height / grey.shape[0], limit, readout_error)
     if smear is None or readout_error > _LARGEST_ERROR:
         return None
-    size = smear.tx_px / view.height
-    sides = {sign: _Side.of(posterior, sign * size, smear.error * size) for sign in (-1, 1)}
+    sides = {sign: _Side.of(posterior, smear, sign) for sign in (-1, 1)}
     total = np.logaddexp(sides[-1].log_weight, sides[1].log_weight)
     shares = {sign: math.exp(side.log_weight - total) for sign, side in sides.items()}
     first, second = sorted(sides, key=lambda sign: -shares[sign])
     if shares[first] < _SURE:
+        return None
+    if limit.refutes(view.cubic_motion(sides[first].motion.reshape(2, 3), estimator)):
         return None
     kind = cast(KindOfMotion, max(posterior.kinds, key=posterior.kinds.__getitem__))
 
@@ -63,27 +64,28 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The posterior given t_x over the readout."""
+    """The posterior given the speed of the rows."""
 
     motion: np.ndarray  # [6] coefficients, the mean
     error: float  # expected displacement [rows]
     log_weight: float  # log probability of this direction, up to a constant
 
     @classmethod
-    def of(cls, posterior: Posterior, across: float, error: float) -> _Side:
-        """Returns the posterior given t_x over the readout with its error [rows]."""
-        optima = posterior.optima
+    def of(cls, posterior: Posterior, smear: Smear, sign: int) -> _Side:
+        """Returns the posterior given the speed that smears show, in the direction of this sign."""
+        optima, J_speed = posterior.optima, smear.jacobian()
         spread = optima.covariances / _TEMPER
-        towards = spread @ _ACROSS  # [K, 6]
-        variance = towards @ _ACROSS + error**2
-        missing = across - optima.motions @ _ACROSS
-        motions = optima.motions + towards * (missing / variance)[:, None]
-        weights = _TEMPER * np.log(np.maximum(optima.share, 1e-30)) - 0.5 * (missing**2 / variance + np.log(variance))
+        towards = spread @ J_speed.T  # [K, 6, 2]
+        covariance = J_speed @ towards + smear.covariance  # [K, 2, 2]
+        missing = sign * smear.speed - optima.motions @ J_speed.T  # [K, 2]
+        gain = towards @ np.linalg.inv(covariance)
+        motions = optima.motions + np.einsum("kij,kj->ki", gain, missing)
+        distance = np.einsum("ki,kij,kj->k", missing, np.linalg.inv(covariance), missing)
+        weights = _TEMPER * np.log(np.maximum(optima.share, 1e-30))
+        weights = weights - 0.5 * (distance + np.linalg.slogdet(covariance)[1])
         total = float(np.logaddexp.reduce(weights))
-        share = np.exp(weights - total)
-        covariances = spread - towards[:, :, None] * towards[:, None, :] / variance[:, None, None]
-        mean, covariance = mixture_moments(share, motions, covariances)
-        return cls(mean, expected_error(covariance), total)
+        mean, left = mixture_moments(np.exp(weights - total), motions, spread - gain @ towards.swapaxes(1, 2))
+        return cls(mean, expected_error(left), total)
 
 
 LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, the lines are not those of buildings

@@ -1,14 +1,8 @@
-"""What a photo's sharpness says about the camera's speed: the limit it sets, and the length of its smears.
+"""The limit that a photo's sharpness sets on the camera's speed.
 
 A scene that moves s px/s across the sensor smears every edge across its path by s times the exposure. The sharpest
 edges of a photo therefore bound the speed, whatever it shows: s <= width / exposure, and the motion over a whole
 readout is at most width * readout / exposure.
-
-A smear of length L recurs in the picture: steps of brightness reappear, inverted, L px further on, and the
-autocorrelation of the differences between neighbouring columns has a dip at L, unlike that of the differences between
-neighbouring rows. Most bands of rows must agree, and the edges must be as wide as smears of this length make them;
-otherwise it is a pattern of the scene. The length gives the distance that the picture moved during readout,
-L * readout / exposure, but not the direction.
 """
 
 from __future__ import annotations
@@ -25,7 +19,7 @@ from unshutter.reasons import Code, Reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from unshutter.motion.shapes import Float32, Float64, UInt8
+    from unshutter.motion.shapes import Float64
     from unshutter.readout_time import ReadoutTime
 
 
@@ -173,74 +167,3 @@ def _by_bands(row: np.ndarray, widths: np.ndarray, height: int) -> np.ndarray:
 def _sharpest(widths: np.ndarray) -> float:
     """Returns the width of the sharpest edges, or infinity if there are too few."""
     return float(np.percentile(widths, _SHARPEST)) if len(widths) >= _FEWEST else np.inf
-
-
-_SHORTEST, _LONGEST = 5, 128  # px of the copy
-_SMALLEST = 128  # px, short side of a copy
-_BANDS, _AGREEING = 4, 3
-_NEAR_PX, _NEAR_SHARE = 2.0, 0.25  # tolerated difference between the bands' lengths and their median
-_CLEAR = 3.2  # depth of a dip, relative to the spread of the rest
-_STEEPEST = 40.0  # levels: steeper steps are clipped, so that a few edges do not dominate
-_WIDEST = 2.0  # smears are rarely longer than this multiple of the sharpest edges' width
-_ACROSS = 1.6  # smeared edges are at least this multiple of the width of those along the motion
-_LENS_PX = 0.5  # offset of the dip from the length of the smear, due to the lens's blur
-_ERROR = 0.12  # relative error of lengths
-
-
-@dataclass(frozen=True)
-class Smear:
-    """The motion blur of a photo whose camera moved sideways."""
-
-    tx_px: float  # displacement of the picture over a whole readout, to the left or right [px of the photo]
-    error: float  # its relative standard deviation
-
-
-def smear_of(
-    grey: UInt8[np.ndarray, "height width"], scale: float, limit: SpeedLimit, readout_error: float
-) -> Smear | None:
-    """Measures the smears of a photo; returns None if there are none, or they do not fit sideways motion.
-
-    Args:
-        scale: px of the photo per px of the copy.
-        readout_error: standard deviation of the readout time's logarithm.
-    """
-    if not limit.readout_s or min(grey.shape) < _SMALLEST:
-        return None
-    per_px = limit.readout_s / limit.exposure_s
-    across, along = (float(np.median(width)) / per_px for width in (limit.tx_px, limit.ty_px))
-    if not _ACROSS * along <= across < math.inf:
-        return None
-    lengths, clear = _lengths(grey.astype(np.float32))
-    length = float(np.median(lengths))
-    agreeing = np.abs(lengths - length) <= max(_NEAR_PX, _NEAR_SHARE * length)
-    if agreeing.sum() < _AGREEING or np.median(clear) < _CLEAR or length < _SHORTEST:
-        return None
-    length = float(np.median(lengths[agreeing])) * scale
-    if length > _WIDEST * across:
-        return None
-    return Smear(length * per_px, math.hypot(_ERROR, readout_error))
-
-
-def _lengths(grey: Float32[np.ndarray, "height width"]) -> tuple[np.ndarray, np.ndarray]:
-    """[_BANDS] lengths of the smears along the rows of each band [px], and their clarity."""
-    height, width = grey.shape
-    lags = min(_LONGEST, width // 4, height // 4)
-    along = _autocorrelation(grey.T, lags)
-    lengths, clear = [], []
-    for band in np.array_split(grey, _BANDS):
-        dips = (_autocorrelation(band, lags) - along)[_SHORTEST:]
-        at = int(dips.argmin())
-        rest = np.delete(dips, slice(max(at - 3, 0), at + 4))
-        spread = 1.48 * float(np.median(np.abs(rest - np.median(rest))))
-        clear.append((float(np.median(rest)) - dips[at]) / max(spread, 1e-6))
-        lengths.append(at + _SHORTEST - _LENS_PX)
-    return np.array(lengths), np.array(clear)
-
-
-def _autocorrelation(lines: Float32[np.ndarray, "lines px"], lags: int) -> np.ndarray:
-    """[lags] autocorrelation of the differences along lines, averaged over them."""
-    steps = np.clip(np.diff(lines, axis=1), -_STEEPEST, _STEEPEST)
-    size = 1 << (steps.shape[1] + lags - 1).bit_length()
-    power = np.abs(np.fft.rfft(steps - steps.mean(), size, axis=1)) ** 2
-    found = np.fft.irfft(power.mean(axis=0), size)[:lags]
-    return found / max(float(found[0]), 1e-9)
