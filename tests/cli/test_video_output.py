@@ -13,6 +13,6 @@ from unshutter.cli import main
 @pytest.mark.parametrize("words", [["video"], []])
 def test_a_film_gets_a_name_next_to_it(words: list[str], tmp_path: Path) -> None:
     clip = tmp_path / "walk.mp4"
-    clips.write(clip, clips.moving(6)[1])
+    clips.write(clip, clips.moving(12)[1])
     assert main([*words, str(clip), "--readout-ratio", "0.5"]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.mp4", "walk.rectified.mp4"]

@@ -93,7 +93,7 @@ def test_grey_pixels_stay_grey() -> None:
         (FRAMES, {"readout_ratio": 0.5, "model": "camera", "edges": "borrow"}, "leave out model camera"),
         (FRAMES, {"readout_ratio": 0.5, "at": 0.5, "strength": 0.5}, "leave out strength"),
         (FRAMES, {"readout_ratio": 1.5}, "above 0 and at most 1"),
-        (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "either readout_ratio, or"),
+        (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "give readout_ratio, or"),
         (FRAMES, {"fps": 30}, "give both"),
         (FRAMES, {"readout_ratio": 0.5, "at": 2}, "between -1 and 1"),
         (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose auto, keep, crop or fill"),

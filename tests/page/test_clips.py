@@ -208,7 +208,11 @@ def test_clips_that_cannot_be_used(client: httpx.Client, walk: Path, tmp_path: P
     cut.write_bytes(walk.read_bytes()[: walk.stat().st_size * 2 // 3])
     letter = tmp_path / "letter.mp4"
     letter.write_text("no film" * 100)
-    for path, told in ((sound, "no film in it"), (cut, "cannot read the clip"), (letter, "no film that can be read")):
+    for path, told in (
+        (sound, "contains no video"),
+        (cut, "cannot read the clip"),
+        (letter, "no film that can be read"),
+    ):
         id = _opened(client, path)
         _refused(client.get(f"/api/clips/{id}/before"), 422, told)
         last = list(events(client, _saving(client, id)["id"]))[-1]
@@ -291,7 +295,7 @@ def test_a_clip_at_which_nothing_moves_is_given_up(
 
     with desk() as one:
         saving = asyncio.run(run(one))
-    assert "given up" in saving.done[0]["error"] and saving.result is None
+    assert "no progress" in saving.done[0]["error"] and saving.result is None
 
 
 async def _pieces(data: bytes):

@@ -71,6 +71,7 @@ def test_every_option_has_a_control(page: Page) -> None:
     own = {
         "moving",
         "strength",
+        "upright",
         "edges",
         "format",
         "reference",

@@ -1,5 +1,6 @@
 """Scenes for tests of outputs: each command with files to read, and its options that name what it writes."""
 
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -107,11 +108,14 @@ def points(folder: Path) -> Scene:
 
 
 def film(folder: Path) -> Scene:
-    """A film, and its gyro log next to it."""
+    """A film, its gyro log next to it, and a file of its lens."""
     film, log = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "a.gcsv"
     log.write_text(GCSV)
-    words = ["video", film, "--readout-ratio", "0.6", "--gyro", log]
-    return Scene(words, [film, log], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[log])
+    lens = folder / "lens.json"
+    matrix = {"camera_matrix": [[150, 0, 96], [0, 150, 72], [0, 0, 1]], "distortion_coeffs": [0.02, 0, 0, 0]}
+    lens.write_text(json.dumps({"calib_dimension": {"w": 192, "h": 144}, "fisheye_params": matrix}))
+    words = ["video", film, "--readout-ratio", "0.6", "--gyro", log, "--lens", lens]
+    return Scene(words, [film, log, lens], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[log])
 
 
 def film_by_motion(folder: Path) -> Scene:

@@ -62,7 +62,7 @@ def test_sound_only(tmp_path, capsys):
         stream = out.add_stream("aac", rate=48000)
         clips._ring(out, stream, 0)
         out.mux(stream.encode(None))
-    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "no film in it")
+    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "contains no video")
 
 
 @pytest.mark.parametrize("early", [True, False], ids=["tables first", "tables last"])
@@ -143,7 +143,7 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
         (["--preset", "quick"], 2, "veryfast"),
         (["--crf", "80"], 2, "between 0 and 63"),
         (["--readout-ms", "40"], 2, "33.33 ms apart"),
-        (["--readout-ms", "20", "--readout-ratio", "0.5"], 2, "either"),
+        (["--readout-ms", "20", "--readout-ratio", "0.5"], 2, "not both"),
         (["--start", "5", "--end", "3"], 2, "--end after it"),
         (["--start", "nan"], 2, "--start must be 0 or later"),
         (["--start", "inf"], 2, "--start must be 0 or later"),

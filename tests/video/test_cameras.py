@@ -142,7 +142,7 @@ def test_a_name_needs_as_much_as_tells_the_camera(nemo, name, time):
     ("name", "mode", "complaint"),
     [
         ("Three", (SIZE, 30), "the table has no camera called 'Three'"),
-        ("One Pro", (SIZE, 30), r"be Nemo One Pro Wide \(10.0 ms\), Nemo One Pro Tele \(15.0 ms\): say which"),
+        ("One Pro", (SIZE, 30), r"be Nemo One Pro Wide \(10.0 ms\), Nemo One Pro Tele \(15.0 ms\): give the full name"),
         ("One", (SIZE, 60), "no time for 'One' with 192x144 px at 60 frames/s, only for 192x144 px at 30 frames/s"),
         ("One", ((640, 480), 30), "give --readout-ms"),
     ],
@@ -178,5 +178,5 @@ def test_an_unknown_camera_is_refused_before_any_work(tmp_path, capsys):
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--camera", "Zorki 4"]) == 2
     assert "the table has no camera called 'Zorki 4'" in capsys.readouterr().err
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--camera", "x", "--readout-ms", "9"]) == 2
-    assert "either the readout time or --camera" in capsys.readouterr().err
+    assert "give a readout time or --camera, not both" in capsys.readouterr().err
     assert not (tmp_path / "out.mkv").exists()

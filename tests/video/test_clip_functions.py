@@ -78,7 +78,7 @@ def test_the_focal_length_counts():
     [
         ([np.zeros((144, 192))], {"readout_ratio": 0.5}, unshutter.UsageError, "uint8 or uint16"),
         ([np.zeros((144, 192, 5), np.uint8)], {"readout_ratio": 0.5}, unshutter.UsageError, "1 to 4 bands"),
-        ([GREYS[0], GREYS[0][1:]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "of one size and type"),
+        ([GREYS[0], GREYS[0][1:]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "the same size and type"),
         ([GREYS[0][:20]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "192x20"),
         (GREYS, {"readout_ratio": 1.5}, unshutter.UsageError, "at most 1"),
         (GREYS, {"readout_ms": 20}, unshutter.UsageError, "give both"),

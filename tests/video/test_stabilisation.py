@@ -121,7 +121,7 @@ def test_the_motion_file_holds_the_path(tmp_path, shaken, capsys):
     capsys.readouterr()
     words = ["video", str(shaken), "-o", str(tmp_path / "new.mkv"), "--stabilize", "--motion", str(saved)]
     assert main(words) == 1
-    assert "write it again with --save-motion" in capsys.readouterr().err and not (tmp_path / "new.mkv").exists()
+    assert "save it again with --save-motion" in capsys.readouterr().err and not (tmp_path / "new.mkv").exists()
 
 
 def test_frames_of_another_decoder(shaken, kept):

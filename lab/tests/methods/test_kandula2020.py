@@ -129,5 +129,5 @@ def test_weights_of_ones_own(exported, tmp_path):
         load(f"none@{exported[1]}")
     with pytest.raises(UsageError, match="unknown estimator"):
         load(f"nobody@{exported[1]}")
-    with pytest.raises(UnshutterError, match="not of rengarajan2017"):
+    with pytest.raises(UnshutterError, match="not rengarajan2017 weights"):
         load(f"rengarajan2017@{exported[1]}")

@@ -96,7 +96,7 @@ class Report:
             self._preview.add(job, outcome)
         changed = verdict is None or verdict.changes
         self._causes[job.source] = None if verdict is None else verdict.cause
-        if verdict is not None:
+        if verdict is not None and not changed:
             self._next_steps |= dict.fromkeys(_next_steps(verdict))
         details = verdict.described() if verdict else ""
         if self.total == 1 or self._plan.run.verbose:
