@@ -1,11 +1,8 @@
 """The pictures of docs/guide/page: the page of ``unshutter serve`` in three windows, as a browser shows it.
 
-    python benchmarks/page_pictures.py [--clip rs.mp4] [--browser /usr/bin/chromium]
+    python benchmarks/page_pictures.py [--browser /usr/bin/chromium]
 
-Shown are the photos that the repository ships (examples/README says where they are from), and a clip made of one:
-
-    unshutter synthesize examples/original/basilica.webp -o clip --video --seconds 4 --frame 1280x720 --seed 1 \
-        --motion trajectory --trajectory LOG --readout-ms 20 --focal-px 1100
+Shown are the photos and the clip that the repository ships (examples/README.md says where they are from).
 """
 
 from __future__ import annotations
@@ -18,7 +15,8 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 
 ROOT = Path(__file__).parent.parent
-PHOTOS = [ROOT / "examples" / "demo.jpg", ROOT / "examples" / "original" / "basilica.webp"]
+CLIP = ROOT / "examples" / "walk.mp4"
+PHOTOS = [ROOT / "src" / "unshutter" / "page" / "web" / "sample.jpg", ROOT / "examples" / "original" / "basilica.webp"]
 FIGURES = ROOT / "docs" / "figures"
 
 
@@ -35,10 +33,10 @@ def opened(browser: Browser, link: str, width: int, height: int, scheme: str) ->
     return page
 
 
-def opened_clip(browser: Browser, link: str, clip: Path, width: int, height: int) -> Page:
+def opened_clip(browser: Browser, link: str, width: int, height: int) -> Page:
     page = browser.new_context(viewport={"width": width, "height": height}).new_page()
     page.goto(link)
-    page.set_input_files("#choose", [clip, *PHOTOS])
+    page.set_input_files("#choose", [CLIP, *PHOTOS])
     page.select_option("#clip-readout-unit", "ms")
     page.fill("#clip-readout", "20")
     page.press("#clip-readout", "Enter")
@@ -55,10 +53,10 @@ def draw_uprights(page: Page) -> None:
     """Two lines along edges of the tower."""
     page.click("#by-hand summary")
     with page.expect_response("**/segments*"):
-        page.click("#draw-upright")
+        page.click("#tool-upright")
     box = page.locator(".compare").bounding_box()
     assert box is not None
-    for begin, end in (((0.59, 0.1), (0.7, 0.98)), ((0.71, 0.17), (0.83, 0.98))):
+    for begin, end in (((0.67, 0.1), (0.595, 0.9)), ((0.814, 0.45), (0.744, 0.94))):
         (x1, y1), (x2, y2) = ((box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in (begin, end))
         page.mouse.move(x1, y1)
         page.mouse.down()
@@ -77,7 +75,6 @@ def save(page: Page, name: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--browser", default="/usr/bin/chromium")
-    parser.add_argument("--clip", type=Path)
     given = parser.parse_args()
     command = [sys.executable, "-m", "unshutter", "serve", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, sync_playwright() as playwright:
@@ -89,8 +86,7 @@ def main() -> None:
         draw_uprights(tablet)
         save(tablet, "page_by_hand")
         save(opened(browser, link, 390, 844, "light"), "page_phone")
-        if given.clip is not None:
-            save(opened_clip(browser, link, given.clip, 1280, 860), "page_clip")
+        save(opened_clip(browser, link, 1280, 860), "page_clip")
         browser.close()
         process.terminate()
 

@@ -1,8 +1,9 @@
-"""Renders the burst and the clip of this folder from its photo (needs unshutter-lab and the extra `video`).
+"""Renders the burst and the clip of this folder, and the sample of the page, from the photo of this folder.
 
     python examples/render.py
 
-A camera in a hand turns before the photo, and is read out from top to bottom while it does.
+A camera in a hand turns before the photo, and is read out from top to bottom while it does. Needs unshutter-lab and the
+extra `video`.
 """
 
 from fractions import Fraction
@@ -11,11 +12,14 @@ from pathlib import Path
 import av
 import numpy as np
 
+from unshutter.motion import RowMotion
+from unshutter.motion.warp import distort_pixels
 from unshutter.photo import Photo
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
 
 HERE = Path(__file__).parent
+SAMPLE = HERE.parent / "src" / "unshutter" / "page" / "web" / "sample.jpg"
 FPS = 30
 HEIGHT, WIDTH = 480, 640
 BURST_RATIO, CLIP_RATIO = 0.7, 0.6  # readout time / time between frames; of the clip 20 ms
@@ -44,9 +48,19 @@ def extended(picture: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([parts[1], picture, parts[2]])
 
 
+def sample(picture: np.ndarray) -> np.ndarray:
+    """The photo as a camera sees it that is swung sideways: [600, 860, 3], from within its borders."""
+    rows, cols, top = 600, 860, 16
+    u = (np.arange(picture.shape[0]) - top) / rows
+    motion = RowMotion(picture.shape[1], -80 * u + 80 * u * (1 - u) + 40, np.zeros(len(u)))
+    left = (picture.shape[1] - cols) // 2
+    return distort_pixels(picture, motion)[top : top + rows, left : left + cols]
+
+
 def main() -> None:
-    """Writes burst/ and walk.mp4."""
+    """Writes burst/, walk.mp4 and the sample."""
     picture = Photo.open(HERE / "original" / "basilica.webp").to_array()
+    Photo.from_array(np.ascontiguousarray(sample(picture))).save(SAMPLE, overwrite=True, quality=88)
     swing = TurningCamera(hand(110, {0.6: 1.0, 1.3: 0.3, 2.9: 0.24}), 0.8, 3, FPS, BURST_RATIO, HEIGHT, WIDTH, 560.0)
     (HERE / "burst").mkdir(exist_ok=True)
     for name, frame in zip("abc", swing.rendered(picture, noise=2.0), strict=True):

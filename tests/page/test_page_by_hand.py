@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
 from support.batches import rectify
 from support.browser import drop, wait_for
 from support.frame_pairs import Scene
+from support.tagged_files import exif_blob
 from unshutter.photo import Photo
 
 SAID = "#panel .said"
@@ -38,7 +40,7 @@ def _draw(page: Page, kind: str) -> None:
     if not page.locator("#by-hand").evaluate("node => node.open"):
         page.locator("#by-hand summary").click()
     with page.expect_response("**/segments*"):
-        page.locator(f"#draw-{kind}").click()
+        page.locator(f"#tool-{kind}").click()
 
 
 def _lines(page: Page) -> list[list[float]]:
@@ -55,17 +57,22 @@ def _lines(page: Page) -> list[list[float]]:
 def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path) -> None:
     drop(page, grey)
     wait_for(page, "alone")
-    expect(page.locator("#advice")).to_contain_text("Left unchanged: only 0 straight lines were found.")
+    expect(page.locator(SAID)).to_contain_text("Left unchanged: only 0 straight lines were found.")
+    expect(page.locator("#advice")).not_to_contain_text("straight lines")  # the reason is said once
+    expect(page.locator("#advice")).to_contain_text("may be perspective")
     expect(page.locator(".handle")).to_be_hidden()  # there are no two halves
     expect(page.get_by_role("button", name="Save this photo")).to_be_disabled()
+    expect(page.get_by_text("There is nothing to save: the photo is unchanged.")).to_be_visible()
     with page.expect_response("**/after?*moving=yes*"):
         page.get_by_role("button", name="It moved somehow").click()
     wait_for(page, "alone")
     expect(page.get_by_role("button", name="It moved somehow")).to_have_count(0)
+    expect(page.locator("#advice")).to_contain_text("Tried as if the camera moved: that gives no clear answer either.")
     page.get_by_role("button", name="Add the frame before or after").click()
     expect(page.get_by_text("Taken before…")).to_be_visible()
     page.get_by_role("button", name="By hand…").click()
-    expect(page.locator("#draw-upright")).to_be_focused()
+    expect(page.locator("#tool-lean")).to_be_focused()
+    expect(page.locator("#tool-lean")).to_have_attribute("aria-pressed", "true")  # the simplest tool is in the hand
 
 
 def test_an_answer_that_comes_while_an_offer_is_pressed_does_not_lose_the_click(page: Page, grey: Path) -> None:
@@ -139,7 +146,7 @@ def test_a_line_is_moved_by_its_ends_with_mouse_and_keys(page: Page, grey: Path)
     expect(end).to_be_focused()
     end.press("Delete")
     expect(page.locator(".end")).to_have_count(0)
-    page.locator("#draw-straight").focus()
+    page.locator("#tool-straight").focus()
     page.keyboard.press("Enter")  # without a mouse, a line is put in the middle
     expect(page.locator(".end")).to_have_count(3)
 
@@ -173,7 +180,7 @@ def test_ends_snap_to_segments(page: Page, photo: Path) -> None:
     wait_for(page)
     with page.expect_response("**/segments*") as response:
         page.locator("#by-hand summary").click()
-        page.locator("#draw-upright").click()
+        page.locator("#tool-upright").click()
     segments = response.value.json()["before"]
     x1, y1, x2, y2 = max(segments, key=lambda s: abs(s[3] - s[1]) - abs(s[2] - s[0]))  # the longest upright one
     page.wait_for_timeout(100)  # until the answer has been read
@@ -203,21 +210,135 @@ def test_by_touch(page: Page, grey: Path) -> None:
     assert np.allclose(_lines(page)[0], [0.3, 0.2, 0.34, 0.8], atol=0.02)
 
 
-# ---- sliders ---------------------------------------------------------------------------------------------
+def test_the_result_and_a_loupe_are_shown_while_an_end_is_dragged(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    _draw(page, "upright")
+    with page.expect_response("**/after?*lines=*"):
+        _drag(page, (0.3, 0.1), (0.36, 0.9))
+    wait_for(page, "changed")
+    inset, picture = page.locator(".layer.after"), page.locator(".compare")
+    assert 0.2 < inset.bounding_box()["width"] / picture.bounding_box()["width"] < 0.4  # type: ignore[index]
+    end = page.get_by_role("button", name="Point 2 of line 1, upright line")
+    end.hover()
+    box = end.bounding_box()
+    assert box is not None
+    page.mouse.down()
+    with page.expect_response("**/after?*lines=*draft=1*"):
+        page.mouse.move(box["x"] - 30, box["y"], steps=3)
+    expect(page.locator(".loupe")).to_be_visible()
+    assert "blob:" in page.locator(".loupe").evaluate("node => node.style.backgroundImage")
+    page.mouse.up()
+    expect(page.locator(".loupe")).to_be_hidden()
+    wait_for(page, "changed")
 
 
-def test_sliders_start_at_what_was_found_and_are_saved_as_a_motion(page: Page, photo: Path, tmp_path: Path) -> None:
+# ---- pulled ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pole(tmp_path: Path) -> Path:
+    """A photo of a white pole that stands upright."""
+    pixels = np.full((420, 560, 3), 90, np.uint8)
+    pixels[:, 276:284] = 255
+    Photo.from_array(pixels).save(tmp_path / "pole.png")
+    return tmp_path / "pole.png"
+
+
+def _pole(page: Page, turned: bool = False) -> tuple[float, float]:
+    """Where the pole is in the first and in the last rows of the result, as shares of its width; or in its columns."""
+    first, last = page.locator(".layer.after img").evaluate(
+        """async (image, turned) => {
+            await image.decode();
+            const canvas = new OffscreenCanvas(280, 210), context = canvas.getContext("2d");
+            if (turned) context.transform(0, 210 / 280, 280 / 210, 0, 0, 0);
+            context.drawImage(image, 0, 0, 280, 210);
+            const at = (row) => {
+                const { data } = context.getImageData(0, row, 280, 1);
+                return [...Array(280).keys()].reduce((best, x) => (data[4 * x] > data[4 * best] ? x : best), 0) / 280;
+            };
+            return [at(3), at(206)];
+        }""",
+        turned,
+    )
+    return first, last
+
+
+@pytest.mark.parametrize("at", [0.2, 0.8])
+def test_the_photo_leans_as_it_is_pulled(page: Page, pole: Path, at: float) -> None:
+    """What is under the pointer goes with it: at once, and in the answer."""
+    drop(page, pole)
+    wait_for(page, "alone")
+    page.locator("#by-hand summary").click()
+    page.locator("#tool-lean").click()
+    expect(page.locator(".grid")).to_be_visible()
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + at * box["height"])
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.54, box["y"] + at * box["height"], steps=3)
+    assert "matrix" in page.locator(".layer.after img").evaluate("node => node.style.transform")  # no answer is needed
+    page.mouse.up()
+    wait_for(page, "changed")
+    expect(page.locator(SAID)).to_contain_text("Straightened by hand")
+    assert page.locator(".layer.after img").evaluate("node => node.style.transform") == ""
+    first, last = _pole(page)
+    assert (first - last if at < 0.5 else last - first) > 0.04
+    lean = page.locator("#lean-number")
+    found = float(lean.input_value())
+    page.keyboard.press("ArrowRight")
+    expect(lean).to_have_value(f"{found + 0.1:.1f}")
+    page.keyboard.press("Control+z")
+    expect(lean).to_have_value(f"{found:.1f}")
+    page.get_by_role("button", name="Done").click()
+    expect(page.locator(".handle")).to_be_visible()
+
+
+@pytest.mark.parametrize("orientation", [3, 5, 6, 8])
+def test_a_photo_that_is_stored_on_its_side_leans_the_way_it_is_pulled(
+    page: Page, tmp_path: Path, orientation: int
+) -> None:
+    """A pole along the readout: its end that is pulled down, or to the right, goes there."""
+    pixels = np.full((420, 560, 3), 90, np.uint8)
+    pixels[:, 276:284] = 255
+    Image.fromarray(pixels).save(tmp_path / "pole.jpg", exif=exif_blob(orientation))
+    drop(page, tmp_path / "pole.jpg")
+    wait_for(page, "alone")
+    page.locator("#by-hand summary").click()
+    page.locator("#tool-lean").click()
+    turned = orientation > 4
+    _drag(page, (0.1, 0.5) if turned else (0.5, 0.1), (0.1, 0.54) if turned else (0.54, 0.1))
+    wait_for(page, "changed")
+    pulled, other = _pole(page, turned)
+    assert pulled - other > 0.04
+
+
+def test_bend_and_turn_are_pulled_too(page: Page, pole: Path) -> None:
+    drop(page, pole)
+    wait_for(page, "alone")
+    page.locator("#by-hand summary").click()
+    for name in ("bend", "turn"):
+        page.locator(f"#tool-{name}").click()
+        with page.expect_response("**/after?*draft=1*"):
+            _drag(page, (0.5, 0.4), (0.53, 0.4))
+        wait_for(page, "changed")
+        assert abs(float(page.locator(f"#{name}-number").input_value())) > 1
+
+
+# ---- numbers ---------------------------------------------------------------------------------------------
+
+
+def test_numbers_start_at_what_was_found_and_are_saved_as_a_motion(page: Page, photo: Path, tmp_path: Path) -> None:
     drop(page, photo)
     wait_for(page)
     page.locator("#by-hand summary").click()
     lean = page.locator("#lean-number")
     found = float(lean.input_value())
-    assert found != 0 and float(page.locator("#lean").input_value()) == found
-    with page.expect_response("**/after?*draft=1*"):
-        page.locator("#lean").evaluate("node => { node.value = 3; node.dispatchEvent(new Event('input')) }")
-    page.locator("#lean").evaluate("node => node.dispatchEvent(new Event('change'))")
+    assert found != 0
+    lean.fill("3")
+    lean.press("Enter")
     expect(page.locator(SAID)).to_contain_text("Straightened by hand")
-    expect(lean).to_have_value("3.0")
+    expect(lean).to_have_value("3")
     page.locator("#turn-number").fill("1.5")
     page.locator("#turn-number").press("Enter")
     page.locator("#strength-number").fill("150")
@@ -241,7 +362,7 @@ def test_sliders_start_at_what_was_found_and_are_saved_as_a_motion(page: Page, p
 
 
 def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Path, basilica) -> None:
-    """What the tick box asks for is done, and the sliders show it."""
+    """What the tick box asks for is done, and the numbers show it."""
     Photo.from_array(basilica[0]).save(tmp_path / "basilica.png")
     drop(page, tmp_path / "basilica.png")
     wait_for(page, "changed|alone")

@@ -15,7 +15,7 @@ from unshutter import RowMotion
 from unshutter.motion.warp import distort_pixels
 from unshutter.photo import Photo
 
-STILL = "Take it: as it is"
+STILL = "as it is"
 SAID = "#panel .said"
 
 
@@ -119,12 +119,15 @@ def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(page: Page, photo:
     shown = page.locator("#candidates button")
     expect(shown.filter(has_text="likeliest")).to_have_count(1)
     expect(page.locator("#candidates")).not_to_contain_text("%")
+    chances = page.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.value)")
+    assert len(chances) > 1 and 0 < max(chances) <= 1
     expect(shown.nth(1)).to_have_attribute("title", re.compile(r"probability that this helps is .* %"))
     line = page.evaluate("async () => (await import('/page/words.js')).words.unsureHelp")
     unsure = page.locator("[data-sure=unsure].sureness").count()
     expect(page.locator("#panel .said").get_by_text(line)).to_have_count(unsure)
     page.get_by_label("The camera was moving").select_option("yes")  # then the chance of standing still says nothing
     expect(page.locator("#candidates")).not_to_contain_text("likeliest")
+    expect(page.locator("#candidates meter")).to_have_count(0)
 
 
 def test_as_it_is_ticks_leave_this_photo_alone(page: Page, photo: Path) -> None:

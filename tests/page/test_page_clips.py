@@ -38,7 +38,7 @@ def test_a_clip_is_saved_once_its_readout_time_is_known(page: Page, walk: Path) 
         drop(page, walk)
     save = page.get_by_role("button", name="Save this clip")
     expect(save).to_be_disabled()
-    expect(save).to_have_attribute("title", "There is nothing to save until the readout time of the clip is known.")
+    expect(page.get_by_text("There is nothing to save until the readout time of the clip is known.")).to_be_visible()
     held[0].continue_()
     page.unroute("**/readout?*")
     _give_readout(page)
@@ -109,6 +109,36 @@ def test_progress_and_cancelling(page: Page, tmp_path: Path) -> None:
     expect(page.locator("#saving")).to_be_hidden()
     page.locator("#clip-strength").fill("50")  # it goes on as before
     wait_for(page, "done", timeout=FOUND_MS)
+
+
+def test_the_moments_are_there_before_their_motion_is_known(page: Page, walk: Path) -> None:
+    asked: list[Route] = []
+    page.route("**/readout?*", lambda route: asked.append(route))  # which has no answer yet
+    drop(page, walk)
+    drawn = "() => [...document.querySelectorAll('#moments canvas')].filter(node => node.width > 40).length === 5"
+    page.wait_for_function(drawn)
+    expect(page.locator("#working")).to_contain_text("looking at the motion")
+    expect(page.locator(".handle")).to_be_hidden()  # there is no other half yet
+    assert len(asked) == 1
+
+
+def test_how_long_saving_still_takes(page: Page) -> None:
+    """One bar from start to end, though the frames are passed over twice."""
+    said = page.evaluate(
+        """async () => {
+            const { watch } = await import("/page/saving.js"), bar = document.getElementById("saving-bar");
+            let now = 0;
+            performance.now = () => now;
+            const show = watch();
+            return [["looking", 50], ["frames", 0], ["frames", 50]].map(([what, done], k) => {
+                now = 10000 * (k + 1);
+                show({ done: [], total: 1, now: { name: "a.mp4", what, done, total: 100 } });
+                return [bar.value, document.getElementById("saving-words").textContent];
+            });
+        }"""
+    )
+    assert [value for value, _ in said] == [0.25, 0.5, 0.75]
+    assert "about 30 s left" in said[0][1] and "about 10 s left" in said[2][1]
 
 
 def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Dialog, Page, expect
 
+from support.batches import rectify
 from support.browser import SLOW_MS, drop, wait_for
 from support.page_server import Server
 from unshutter.photo import Photo
@@ -14,6 +15,11 @@ BOX = "node => node.getBoundingClientRect().toJSON()"
 
 def _width(page: Page) -> float:
     return page.locator(".compare").evaluate("node => node.offsetWidth")
+
+
+def _whole(page: Page) -> float:
+    """The width that all of the photo has on the screen, cropped or not."""
+    return page.locator(".before .whole").evaluate("node => node.getBoundingClientRect().width")
 
 
 def test_the_empty_page_is_one_large_button(page: Page, photo: Path) -> None:
@@ -29,8 +35,21 @@ def test_the_sample_photo(page: Page) -> None:
     page.get_by_role("button", name="Try a sample photo").click()
     wait_for(page, "changed")
     expect(page.locator("#name")).to_have_text("sample.jpg")
-    expect(page.locator(".sureness")).to_be_visible()  # in words, not per cent
+    expect(page.locator(".sureness")).to_have_text("sure")  # in words, not per cent
     expect(page.locator("#panel .said")).not_to_contain_text("%.")
+    expect(page.locator("#panel .said")).to_contain_text("Cut down to 8")
+    black = page.locator(".layer.after img").evaluate(
+        """async image => {
+            await image.decode();
+            const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
+            const context = canvas.getContext("2d");
+            context.drawImage(image, 0, 0);
+            const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+            const black = data.filter((_, k) => k % 4 === 0 && data[k] + data[k + 1] + data[k + 2] < 3);
+            return [canvas.height, black.length];
+        }"""
+    )
+    assert black[0] > 512 and black[1] < 500
 
 
 def test_saving_says_what_was_saved_and_where(page: Page, photo: Path) -> None:
@@ -56,28 +75,46 @@ def test_what_was_added_last_is_shown(page: Page, photo: Path, tmp_path: Path) -
     expect(page.locator("#name")).to_have_text("one.jpg")
 
 
-def test_the_word_after_stands_on_what_a_crop_leaves(page: Page, photo: Path) -> None:
+def test_before_and_after_in_the_frame_of_the_crop(page: Page, photo: Path) -> None:
+    """The divider compares the same pixels; a tool and nothing else lifts the crop."""
     drop(page, photo)
     wait_for(page)
-    page.locator("#edges").select_option("crop")
-    page.locator("#by-hand summary").click()
-    page.locator("#lean-number").fill("6")
-    page.locator("#lean-number").press("Enter")
-    expect(page.locator(".thumbnail .state")).to_have_text("straightened by hand")
     expect(page.locator("#panel .said")).to_contain_text("Cut down to")
+    boxes = (".compare", ".before .whole", ".after .whole")
+    frame, before, after = (page.locator(each).evaluate(BOX) for each in boxes)
+    assert before == after and frame["width"] < before["width"] - 5 and frame["height"] < before["height"] - 5
+    assert before["left"] <= frame["left"] and frame["right"] <= before["right"]
+    tag = page.locator(".tag.after").evaluate(BOX)
+    assert frame["left"] < tag["left"] and tag["right"] < frame["right"]
+    shape = frame["width"] / frame["height"]
+    for canvas in (".thumbnail canvas", "#candidates [aria-pressed=true] canvas"):
+        page.wait_for_function("canvas => document.querySelector(canvas).width > 40", arg=canvas)
+        small = page.locator(canvas).evaluate("node => node.width / node.height")
+        assert small == pytest.approx(shape, rel=0.02)
+    page.locator("#by-hand summary").click()
+    page.locator("#tool-upright").click()
+    frame, before = (page.locator(each).evaluate(BOX) for each in (".compare", ".before .whole"))
+    assert frame["width"] == pytest.approx(before["width"], abs=1)
+
+
+def test_automatic_corners_are_never_black(page: Page, photo: Path, tmp_path: Path) -> None:
+    """Where a crop would leave too little they are filled, which is said, and saved."""
+    drop(page, photo)
     wait_for(page)
-    deep = """() => {  // px, more than the word is away from the edge
-        const inset = document.querySelector(".layer.after img").style.clipPath.replace("inset(", "").split(" ");
-        const frame = document.querySelector(".compare").getBoundingClientRect();
-        return Math.max(parseFloat(inset[0]) * frame.height, parseFloat(inset[1]) * frame.width) > 1200;
-    }"""
-    page.wait_for_function(deep)  # the crop before the lean may be seen for a moment
-    tag, frame = page.locator(".tag.after").bounding_box(), page.locator(".compare").bounding_box()
-    assert tag is not None and frame is not None
-    inset = page.locator(".layer.after img").evaluate("image => image.style.clipPath")
-    top, right = (float(each.rstrip("%")) / 100 for each in inset.removeprefix("inset(").split()[:2])
-    assert tag["y"] >= frame["y"] + top * frame["height"]
-    assert tag["x"] + tag["width"] <= frame["x"] + (1 - right) * frame["width"]
+    page.locator("#by-hand summary").click()
+    page.locator("#lean-number").fill("25")
+    page.locator("#lean-number").press("Enter")
+    expect(page.locator("#panel .said")).to_contain_text("filled with a mirror image of the photo: cutting them off")
+    wait_for(page)
+    page.locator("#advanced summary").click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save motion").click()
+    (tmp_path / "motion.json").write_bytes(Path(download.value.path()).read_bytes())
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    flags = ["--motion", tmp_path / "motion.json", "--edges", "fill"]
+    assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
 
 
 def test_thumbnails_from_two_photos_on(page: Page, photo: Path, tmp_path: Path) -> None:
@@ -109,6 +146,8 @@ def test_thumbnails_are_filtered_and_counted(page: Page, photo: Path, facade, tm
     expect(shown).to_contain_text("street.jpg")
     page.keyboard.press("j")  # nothing else is shown
     expect(page.locator("#name")).to_have_text("street.jpg")
+    page.get_by_role("button", name="Left unchanged 1").click()
+    expect(shown).to_contain_text("straight.png")
     page.get_by_role("button", name="Failed 1").click()
     expect(shown).to_contain_text("bad.jpg")
     page.get_by_role("button", name="Close bad.jpg").click()
@@ -147,9 +186,21 @@ def test_zoom_by_wheel_keys_and_pinch(page: Page, photo: Path) -> None:
     page.mouse.up()
     moved = page.locator(".compare").bounding_box()
     assert moved is not None and (moved["x"] - zoomed["x"], moved["y"] - zoomed["y"]) == pytest.approx((30, 20), abs=1)
-    expect(page.locator("#zoom")).to_have_text("Fit")  # which pressing it does
+    shown = page.locator("#zoom option:checked")
+    expect(shown).to_have_text(f"{int(100 * _whole(page) / 560 + 1e-6)} %")
+    page.locator("#zoom").select_option("100 %")
+    expect(shown).to_have_text("100 %")
+    assert _whole(page) == pytest.approx(560, abs=0.5)  # one pixel of the screen for each of the photo
+    page.locator("#zoom").select_option("200 %")
+    assert _whole(page) == pytest.approx(1120, abs=1)
+    page.locator("#zoom").select_option("Fit")
+    page.mouse.move(x, y)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -100)  # one notch
+    page.keyboard.up("Control")
+    page.wait_for_function("width => document.querySelector('.compare').offsetWidth > width * 1.1", arg=fitting)
+    assert _width(page) < 1.5 * fitting
     page.keyboard.press("0")
-    expect(page.locator("#zoom")).to_have_text("100 %")
     assert _width(page) == pytest.approx(fitting, abs=1)
     page.keyboard.press("+")
     assert _width(page) == pytest.approx(1.25 * fitting, abs=2)
@@ -226,12 +277,12 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     assert stage is not None and panel is not None and save is not None
     assert stage["y"] < 150 and stage["height"] > 400 and panel["y"] >= stage["y"] + stage["height"]
     page.locator("#by-hand summary").click()
-    page.locator("#turn").scroll_into_view_if_needed()
-    picture, slider = page.locator("#stage").bounding_box(), page.locator("#turn").bounding_box()
-    assert picture is not None and slider is not None  # what the sliders do is seen while they are moved
-    assert picture["y"] >= 0 and picture["y"] + picture["height"] <= slider["y"]
+    page.locator("#turn-number").scroll_into_view_if_needed()
+    picture, number = page.locator("#stage").bounding_box(), page.locator("#turn-number").bounding_box()
+    assert picture is not None and number is not None  # what the numbers do is seen while they are changed
+    assert picture["y"] >= 0 and picture["y"] + picture["height"] <= number["y"]
     expect(page.get_by_role("button", name="Save this photo")).to_be_in_viewport(ratio=1)
-    page.locator("#draw-upright").click()
+    page.locator("#tool-upright").click()
     done = page.get_by_role("button", name="Done")
     expect(done).to_be_in_viewport()
     done.click()
@@ -274,4 +325,33 @@ def test_on_a_phone_the_verdict_is_seen_and_the_next_photo_starts_at_its_top(
     page.get_by_role("button", name="Remove all that failed").click()
     expect(page.locator("#thumbnails li")).to_have_count(2)
     expect(page.locator("#remove-failed")).to_be_hidden()
+    page.close()
+
+
+@pytest.mark.parametrize(("width", "height", "font"), [(844, 390, 15), (1400, 900, 32), (390, 844, 32)])
+def test_a_phone_on_its_side_and_large_text(
+    chromium: Browser, server: Server, photo: Path, width: int, height: int, font: int
+) -> None:
+    page = chromium.new_page(viewport={"width": width, "height": height})
+    page.goto(server.link)
+    page.evaluate("size => (document.documentElement.style.fontSize = `${size}px`)", font)
+    drop(page, photo)
+    wait_for(page)
+    stage = page.locator("#stage").evaluate(BOX)
+    assert stage["height"] >= 0.4 * height and stage["width"] >= 0.4 * width
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    overlapping = page.evaluate(
+        """() => {
+            const shown = [...document.querySelectorAll("#bar > *, #panel .field > *, #panel .said p, #do-saveOne")]
+                .filter((node) => node.checkVisibility() && node.getBoundingClientRect().width);
+            const boxes = shown.map((node) => node.getBoundingClientRect());
+            const meet = (one, other) => one.left < other.right - 1 && other.left < one.right - 1
+                && one.top < other.bottom - 1 && other.top < one.bottom - 1;
+            return shown.filter((node, k) => boxes.slice(0, k).some((box) => meet(box, boxes[k])))
+                .map((node) => node.id || node.textContent);
+        }"""
+    )
+    assert overlapping == []
+    for edge in ("#name", "#zoom", "#grid"):
+        assert page.locator(edge).evaluate(BOX)["right"] <= stage["right"]
     page.close()

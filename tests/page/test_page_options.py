@@ -90,6 +90,12 @@ def test_every_option_has_a_control(page: Page) -> None:
         assert {f"clip-{name}", f"clip-option-{name}"} & ids, name
 
 
+def test_methods_are_a_list(page: Page) -> None:
+    methods = page.locator("select#option-estimator option")
+    assert methods.count() > 2
+    expect(methods.filter(has_text=_described()["photo"]["estimator"]["default"])).not_to_have_count(0)
+
+
 def test_no_word_and_no_style_is_dead() -> None:
     scripts = {file.name: file.read_text("utf-8") for file in PAGE.glob("*.js")}
     html, styles = ((PAGE / name).read_text("utf-8") for name in ("index.html", "style.css"))

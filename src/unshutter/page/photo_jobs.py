@@ -1,6 +1,6 @@
 """Jobs on a photo: small upright previews with facts about them, and files as the command line writes them.
 
-The motion of an open photo is estimated and cached, or set by hand with lines drawn on it and sliders.
+The motion of an open photo is estimated and cached, or set by hand with lines drawn on it and numbers.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ if TYPE_CHECKING:
 
     from unshutter.motion import Motion
     from unshutter.motion.grid import EdgeDecision
+    from unshutter.motion.upright import Pose
     from unshutter.motion.verdict import Candidate
+    from unshutter.options import Edges
     from unshutter.single.drawn_lines import DrawnLine
 
 _CURVE_POINTS = 41
@@ -145,7 +147,7 @@ def after(
 ) -> tuple[bytes, dict[str, Any]]:
     """Returns the rectified photo, uncropped, as :func:`before` does, and what was done to it as JSON.
 
-    A draft saves time while a slider is being dragged: decisions are based on the small copy, and the crop is not
+    A draft saves time while something is being dragged: decisions are based on the small copy, and the crop is not
     computed.
     """
     with errors_of(open_file, neighbour_names(options.neighbours)):
@@ -167,7 +169,7 @@ def _rectified_alone(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
     from unshutter.motion.rectified import judged
-    from unshutter.motion.warp import edge_decision, straighten
+    from unshutter.motion.warp import straighten
 
     full, (height, width) = (photo.height, photo.width), pixels.shape[:2]
     motion, verdict = judged(motion, undo, *((height, width) if draft else full))
@@ -178,10 +180,18 @@ def _rectified_alone(
         return pixels, result
     motion, upright = verdict.undone(motion), verdict.upright
     if not draft:
-        decision = edge_decision(motion, undo.edges, upright)
+        decision = _decided(motion, edges, upright)
         result, edges = result | _edges_json(decision, full, photo.orientation), decision.edges
         motion = motion.resized(*motion.readout.frame_size(height, width))
-    return straighten(pixels, motion, "fill" if edges == "fill" else "keep", upright=upright).pixels, result
+    return straighten(pixels, motion, "keep" if edges == "keep" else "fill", upright=upright).pixels, result
+
+
+def _decided(motion: Motion, edges: Edges, upright: Pose | None) -> EdgeDecision:
+    """Decides about edges; automatic ones are never black here: they are filled where a crop would leave too little."""
+    from unshutter.motion.warp import edge_decision
+
+    decision = edge_decision(motion, edges, upright)
+    return decision._replace(edges="fill") if (edges, decision.edges) == ("auto", "keep") else decision
 
 
 def _rectified_between(
@@ -245,7 +255,7 @@ def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int)
 
 @dataclass(frozen=True)
 class Shape:
-    """A motion described by the three numbers that the page's sliders set."""
+    """A motion described by the three numbers that are set by hand on the page."""
 
     lean_deg: float  # angle by which the change in t_x from the first row to the last slants vertical lines
     bend_percent: float  # deviation of t_x at the middle row from the line between first and last row [% of the rows]
@@ -275,55 +285,46 @@ def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) ->
 
 
 def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, str | None]:
-    """Returns the options for saving, and the JSON of the motion if it was set by hand or already estimated."""
-    from unshutter.single.methods import chosen
+    """Returns the options for saving what the page shows, and the JSON of the motion unless neighbours tell it."""
+    from unshutter.motion.rectified import judged
 
-    asked = options.rectify
-    if options.hand:
-        motion, _ = _motion_to_undo(open_file, opened(open_file), options)
-        file = open_file.path.with_name(f"hand-{digest(asked.find, options.hand)}.json")
-        put_text(file, motion.to_json())
-        return Rectify(motion=file, undo=_by_hand(asked.undo), save=asked.save).settled(), motion.to_json()
-    kept = None if asked.neighbours else _kept_candidates(open_file, asked.find)
-    return asked, chosen(kept, asked.find.camera.candidate).to_json() if kept else None
+    asked, photo = options.rectify, opened(open_file)
+    if asked.neighbours:
+        return asked, None
+    motion, undo = _motion_to_undo(open_file, photo, options)
+    referred, verdict = judged(motion, undo, photo.height, photo.width)
+    if undo.edges == "auto" and verdict.changes:
+        undo = replace(undo, edges=_decided(verdict.undone(referred), "auto", verdict.upright).edges)
+    if not options.hand:
+        return replace(asked, undo=undo), motion.to_json()
+    file = open_file.path.with_name(f"hand-{digest(asked.find, options.hand)}.json")
+    put_text(file, motion.to_json())
+    return Rectify(motion=file, undo=undo, save=asked.save).settled(), motion.to_json()
 
 
 def _candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:
     """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
     from unshutter.api import photo_candidates
-
-    kept = _kept_candidates(open_file, find)
-    if kept is not None:
-        return kept
-    photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
-    candidates = photo_candidates(photo, load(find.estimator), find.camera)
-    listed = [{**vars(each), "motion": each.motion.to_json()} for each in candidates]
-    put_text(_candidates_file(open_file, find), json.dumps(listed))
-    return candidates
-
-
-def _kept_candidates(open_file: OpenFile, find: Find) -> tuple[Candidate, ...] | None:
     from unshutter.motion import Motion
     from unshutter.motion.verdict import Candidate
 
-    file = _candidates_file(open_file, find)
-    if not file.exists():
-        return None
-    listed = json.loads(file.read_text(encoding="utf-8"))
-    return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
-
-
-def _candidates_file(open_file: OpenFile, find: Find) -> Path:
-    """Returns the path of the cache file of all candidates, which does not depend on the one chosen."""
-    find = replace(find, camera=replace(find.camera, candidate=None))
-    return open_file.path.with_name(f"candidates-{digest(find)}.json")
+    alone = replace(find, camera=replace(find.camera, candidate=None))  # whichever candidate is chosen
+    file = open_file.path.with_name(f"candidates-{digest(alone)}.json")
+    if file.exists():
+        listed = json.loads(file.read_text(encoding="utf-8"))
+        return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
+    photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
+    candidates = photo_candidates(photo, load(find.estimator), find.camera)
+    listed = [{**vars(each), "motion": each.motion.to_json()} for each in candidates]
+    put_text(file, json.dumps(listed))
+    return candidates
 
 
 # ---- by hand -----------------------------------------------------------------------------------------------------
 
 
 def _straightened_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Motion, list[str | None]]:
-    """Returns the motion that straightens drawn lines and the trouble with each line, cached for the sliders."""
+    """Returns the motion that straightens drawn lines and the trouble with each line, cached for the numbers."""
     from unshutter.api import motion_of_lines
     from unshutter.motion import Motion
 

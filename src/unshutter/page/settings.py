@@ -186,11 +186,13 @@ def _value(option: Option, text: str) -> Any:
 @cache
 def page_module() -> str:
     """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values."""
-    known = {"estimator": names(), "camera": sorted({mode.name for mode in table()})}
+    choices, known = {"estimator": {"enum": names()}}, {"camera": sorted({mode.name for mode in table()})}
     lines = ["// Made by the program from its one description of options (page/settings.py).\n"]
     for word, kind in (("photo", PhotoOptions), ("clip", RectifyClip)):
         described = {
-            option.name: _schema(option) | {"group": group, "examples": known.get(option.name, [])}
+            option.name: _schema(option)
+            | {"group": group, "examples": known.get(option.name, [])}
+            | choices.get(option.name, {})
             for option, group in _with_groups(kind)
         }
         lines.append(f"export const {word} = {json.dumps(described)};\n")

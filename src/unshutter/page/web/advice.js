@@ -1,4 +1,4 @@
-// What to do next: with a photo that was left unchanged, why, and buttons for what may help; with lines, how they are drawn.
+// What to do next: with a photo that was left unchanged, what was tried, and buttons for what may help; with a tool by hand, how it is used.
 
 import { make, refill } from "./nodes.js";
 import { words } from "./words.js";
@@ -6,24 +6,24 @@ import { words } from "./words.js";
 const NOT_LIKELY = ["no-rolling-shutter", "asked-for-nothing", "strength-0"]; // nothing is left to try
 
 export class Advice {
-  // node: where to; on: {moving(which way), anyway, neighbour, ratio, byHand, leaveNeighbours, drawn} called when the user takes an offer.
+  // node: where to; on: {moving(which way), anyway, neighbour, ratio, byHand, leaveNeighbours, done} called when the user takes an offer.
   constructor(node, on) {
     this.node = node;
     this.on = on;
   }
 
-  // Shows what holds for a photo; nothing where it was straightened, or is still being worked on. While lines of a kind are
-  // drawn, only how: the picture must not move under the pointer when an answer comes.
-  show(photo, drawing = null) {
-    const lines = drawing ? this.#drawing(drawing) : photo?.kind === "photo" && photo.state === "done" ? this.#lines(photo) : [];
-    this.node.classList.toggle("drawing", drawing !== null);
+  // Shows what holds for a photo; nothing where it was straightened, or is still being worked on. While a tool by hand is
+  // used, only how: the picture must not move under the pointer when an answer comes.
+  show(photo, tool = null) {
+    const lines = tool ? this.#using(tool) : photo?.kind === "photo" && photo.state === "done" ? this.#lines(photo) : [];
+    this.node.classList.toggle("using", tool !== null);
     this.node.hidden = !lines.length;
     refill(this.node, lines);
   }
 
-  #drawing(kind) {
-    const done = make("button", { type: "button", class: "main", id: "drawDone", title: words.drawDoneHelp, onclick: this.on.drawn }, words.drawDone);
-    return [make("p", {}, words.drawHelp[kind]), done];
+  #using(tool) {
+    const done = make("button", { type: "button", class: "main", id: "toolDone", title: words.toolDoneHelp, onclick: this.on.done }, words.toolDone);
+    return [make("p", {}, words.toolHelp[tool]), done];
   }
 
   #lines(photo) {
@@ -36,8 +36,9 @@ export class Advice {
           this.#offer("adviceLeaveNeighbours", this.on.leaveNeighbours)));
     }
     if (result.changed || photo.byHand || options.strength === "0" || "candidate" in options) return lines;
-    lines.push(make("p", {}, words.declined(words.why(result))));
     if (NOT_LIKELY.includes(result.code)) return lines;
+    const tried = options["min-confidence"] === "0" ? words.triedAnyway : options.moving && words.triedWay(options.moving);
+    lines.push(make("p", {}, tried || words.declined));
     const ways = ["left", "right", "yes"].filter((way) => way !== options.moving);
     lines.push(make("div", { class: "row" }, make("span", {}, words.adviceWay),
       ...ways.map((way) => make("button", { type: "button", id: `advice-${way}`, onclick: () => this.on.moving(way) }, words.ways[way]))));

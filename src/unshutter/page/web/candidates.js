@@ -22,8 +22,8 @@ export class Candidates extends PictureRow {
     this.#numbers = listed.map(({ number }) => number);
     super.show(photo, listed.map((candidate) => {
       const [name, figures] = [words.candidate(candidate), words.candidateFigures(candidate, likeliest)];
-      return { lines: [name, figures], label: words.candidateLabel(name, figures), title: words.candidateHelp(candidate),
-        pressed: candidate.number === photo.candidate, blob: candidate.blob };
+      return { lines: [name, figures], title: words.candidateHelp(candidate),
+        pressed: candidate.number === photo.candidate, blob: candidate.blob, crop: candidate.crop, chance: likeliest === null ? null : candidate.probability };
     }));
   }
 

@@ -35,6 +35,7 @@ export class Clip extends Opened {
       await this.send();
       this.become("finding");
       if (part === "both") await fetch("before");
+      if (!later) this.#drawSmall(); // the frames are there long before their motion is
     } catch (error) {
       return this.fail(error);
     }
@@ -47,7 +48,6 @@ export class Clip extends Opened {
       this.readout = null;
       this.fail(error, "asking"); // the clip can be read: it is the settings that do not do
     }
-    this.#drawSmall();
   }
 
   // A short film of what is done around the moment that is shown.

@@ -1,7 +1,7 @@
 // The panel beside a clip: what its moments say, what the user can say, saving.
 
 import { about, control, others } from "./described.js";
-import { make } from "./nodes.js";
+import { make, refill } from "./nodes.js";
 import { button, keys, number, reference, select, strength } from "./widgets.js";
 import { words } from "./words.js";
 
@@ -16,6 +16,7 @@ export class ClipControls {
     this.clip = null;
     this.said = make("div", { class: "said", role: "status" });
     this.save = button("saveClip", () => on.save(), "main");
+    this.whyNot = make("p", { class: "quiet" }, words.clipNotYet);
     this.toAll = button("clipToAll", () => on.toAll());
     const set = (name, value) => this.#set(name, value);
     const usual = (name) => control("clip", name, `clip-${name}`, set, words.choices[`clip-${name}`]);
@@ -27,7 +28,7 @@ export class ClipControls {
     const advanced = others("clip", PLACED, null, "clip-option-", set);
     this.shown = [this.strength, this.edges, this.reference, ...this.part, ...advanced];
     panel.replaceChildren(
-      make("h2", {}, words.done), this.said, make("div", { class: "row actions" }, this.save),
+      make("h2", {}, words.done), this.said, make("div", { class: "row actions" }, this.save, this.whyNot),
       make("h2", {}, words.settings), ...this.strength.nodes, this.#readout(), this.edges.node,
       make("fieldset", {}, make("legend", {}, words.partOf), ...this.part.map(({ node }) => node)),
       make("details", { class: "section" }, make("summary", {}, words.advanced), this.reference.node,
@@ -59,8 +60,8 @@ export class ClipControls {
       "table of cameras": () => words.readoutListed(readout), "usual value": () => words.readoutListed(readout),
       "the clip's file": () => words.readoutInFile(readout.ms) }[readout?.found_by]?.() ?? "";
     this.save.disabled = asking || state === "failed" || !clip.facts || !readout;
-    this.save.title = this.save.disabled ? words.clipNotYet : "";
-    this.said.replaceChildren(...sentences(clip).map((line) => make("p", {}, line)));
+    this.whyNot.hidden = !this.save.disabled || state === "failed";
+    refill(this.said, sentences(clip).map((line) => make("p", {}, line)));
   }
 
   #readout() {

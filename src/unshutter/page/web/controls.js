@@ -4,7 +4,7 @@ import { curves } from "./curves.js";
 import { about, control, ofGroups, others } from "./described.js";
 import { ByHand } from "./hand.js";
 import { Neighbours } from "./neighbours.js";
-import { make } from "./nodes.js";
+import { make, refill } from "./nodes.js";
 import { button, check, keys, reference, strength } from "./widgets.js";
 import { words } from "./words.js";
 
@@ -28,12 +28,13 @@ export class Controls {
     this.hand = new ByHand(lines, on);
     this.neighbours = new Neighbours(() => on.change());
     this.save = button("saveOne", () => on.save(), "main");
+    this.whyNot = make("p", { class: "quiet" }, words.nothingChanged);
     this.saveMotion = button("saveMotion", () => on.saveMotion());
     this.toAll = button("toAll", () => on.toAll());
     this.linesShown = button("linesFound", () => on.lines());
     panel.replaceChildren(
       make("h2", {}, words.done), this.said,
-      make("div", { class: "row actions" }, this.save),
+      make("div", { class: "row actions" }, this.save, this.whyNot),
       make("h2", {}, words.settings), ...this.#undoing(), this.#control("edges"), this.#control("format"),
       this.hand.node, this.neighbours.node,
       make("details", { class: "section", id: "advanced" }, make("summary", {}, words.advanced), this.reference.node, ...this.#camera(), ...this.#attitude(),
@@ -61,12 +62,12 @@ export class Controls {
     for (const name of ALONE) this.fields[name].disabled = photo.between;
     this.fields.upright.disabled ||= photo.byHand;
     this.save.disabled = photo.state === "failed" || !result || !(result.changed || options.format);
-    this.save.title = this.save.disabled ? words.nothingChanged : "";
+    this.whyNot.hidden = !(this.save.disabled && photo.state === "done");
     this.saveMotion.disabled = photo.between || !result; // no motion of the camera alone
     this.fields.edges.querySelector("[value=borrow]").hidden = !photo.between;
     this.hand.show(photo);
     this.neighbours.show(photo);
-    this.said.replaceChildren(...(result && photo.state !== "failed" ? sentences(photo) : []));
+    refill(this.said, result && photo.state !== "failed" ? sentences(photo) : []);
     this.motion.replaceChildren(...(result?.tx_px ? [curves(result)] : []));
   }
 
@@ -161,7 +162,7 @@ function sentences(photo) {
     if (result.edges === "crop" && result.whole < 1) said.push(words.edgesCrop(result.whole));
     if (result.edges === "keep") said.push(words.edgesKeep(result.whole));
     if (result.edges === "borrow") said.push(words.edgesBorrow);
-    if (result.edges === "fill") said.push(words.edgesFill);
+    if (result.edges === "fill") said.push(words.edgesFill(result.whole));
   } else if (options.strength === "0" || photo.tookStill) said.push(words.youLeftAlone);
   else said.push(words.leftAlone(words.why(result)));
   const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };

@@ -7,6 +7,7 @@ import { words } from "./words.js";
 export const KINDS = ["upright", "level", "straight"];
 const STEP = 0.002; // share of the picture for a press of an arrow key
 const SHORTEST = 0.03; // share of the picture: shorter drags draw nothing
+const LARGER = 3; // times, in the loupe
 const REACH = 10; // CSS px within which an end snaps to a segment
 const SLOPE = Math.sin((6 * Math.PI) / 180); // between a line and a segment that it snaps to
 
@@ -16,13 +17,15 @@ export class Lines {
   #segments = [];
   #troubles = [];
 
-  // stage: on which they are drawn; changed: called when a line was drawn, moved or removed.
-  constructor(stage, changed) {
+  // stage: on which they are drawn; changed: called when a line was drawn, moved or removed; moving: while one is moved.
+  constructor(stage, changed, moving) {
     this.stage = stage;
     this.changed = changed;
+    this.moving = moving;
     this.svg = overlay("drawn");
     this.handles = make("div", { class: "ends" });
-    stage.frame.append(this.svg, this.handles);
+    this.loupe = make("div", { class: "loupe", hidden: true, "aria-hidden": "true" });
+    stage.frame.append(this.svg, this.handles, this.loupe);
   }
 
   // Shows a photo's lines: [{kind, points: [[x, y], ...]}, ...], which it changes, and the trouble with each of them.
@@ -39,9 +42,8 @@ export class Lines {
 
   set kind(kind) {
     this.#kind = kind;
-    this.stage.original = kind !== null;
-    this.stage.tool = kind === null ? null : (event) => this.#begin(event);
-    this.stage.frame.classList.toggle("drawing", kind !== null);
+    this.stage.mode = kind === null ? "" : "drawing";
+    this.stage.tool = (event) => this.#begin(event);
     this.#draw();
   }
 
@@ -69,16 +71,12 @@ export class Lines {
     const start = this.stage.shares(event);
     if (start.some((share) => share < 0 || share > 1)) return false;
     const line = { kind: this.#kind, points: [start, start] };
-    const target = this.stage.stage;
-    target.setPointerCapture(event.pointerId);
-    const go = (at) => {
+    this.stage.drag(event, (dx, dy, at) => {
       line.points = [start, this.stage.shares(at).map(clipped)];
       this.#draw(line);
-    };
-    const stop = (at) => {
-      target.removeEventListener("pointermove", go);
-      target.removeEventListener("pointerup", stop);
-      target.removeEventListener("pointercancel", stop);
+      this.#magnify(line.points[1]);
+    }, (at) => {
+      this.#magnify(null);
       const [[x1, y1], [x2, y2]] = line.points;
       if (at.type === "pointerup" && Math.hypot(x2 - x1, y2 - y1) > SHORTEST) {
         line.points = this.#snapped(line.points);
@@ -87,11 +85,21 @@ export class Lines {
         this.changed();
       }
       this.#draw();
-    };
-    target.addEventListener("pointermove", go);
-    target.addEventListener("pointerup", stop);
-    target.addEventListener("pointercancel", stop);
+    });
     return true;
+  }
+
+  // Shows what is under a finger, larger, next to it, and puts the result where it covers neither; null: no finger is there.
+  #magnify(point) {
+    this.loupe.hidden = !point;
+    if (!point) return;
+    const { frame, images } = this.stage;
+    const [[x, y], side] = [this.#px(point), this.loupe.offsetWidth];
+    const [width, height] = [frame.offsetWidth * LARGER, frame.offsetHeight * LARGER];
+    Object.assign(this.loupe.style, { left: `${x}px`, top: `${y}px`, backgroundImage: `url(${images.before.src})`,
+      backgroundSize: `${width}px ${height}px`, backgroundPosition: `${side / 2 - x * LARGER}px ${side / 2 - y * LARGER}px` });
+    this.loupe.classList.toggle("below", y + frame.offsetTop < 1.5 * side);
+    frame.classList.toggle("aside", point[0] > 0.5);
   }
 
   // Both ends put onto the segments that they are close to, where those run the same way.
@@ -151,6 +159,7 @@ export class Lines {
     const move = (point) => {
       this.#list[number].points[end] = point.map(clipped);
       this.#draw();
+      this.moving();
     };
     handle.addEventListener("keydown", (event) => {
       if (event.key === "Delete" || event.key === "Backspace") return this.remove(number);
@@ -165,7 +174,12 @@ export class Lines {
       event.stopPropagation();
       handle.setPointerCapture(event.pointerId);
     });
-    handle.addEventListener("pointermove", (event) => handle.hasPointerCapture(event.pointerId) && move(this.stage.shares(event)));
+    handle.addEventListener("pointermove", (event) => {
+      if (!handle.hasPointerCapture(event.pointerId)) return;
+      move(this.stage.shares(event));
+      this.#magnify(this.#list[number].points[end]);
+    });
+    handle.addEventListener("lostpointercapture", () => this.#magnify(null));
     handle.addEventListener("pointerup", () => {
       const line = this.#list[number];
       if (kind !== "straight") line.points = this.#snapped(line.points);

@@ -4,7 +4,7 @@ import { about, onHealth } from "./api.js";
 import { Clip, isClip } from "./clip.js";
 import { shared } from "./controls.js";
 import { watch } from "./incoming.js";
-import { by, fill } from "./nodes.js";
+import { by, fill, make } from "./nodes.js";
 import { Photo } from "./photo.js";
 import { saveAll } from "./saving.js";
 import { Strip } from "./strip.js";
@@ -138,11 +138,12 @@ onHealth((health) => {
 
 // ---- keys and buttons ----
 
-const { stage } = view;
+const { stage, controls: { hand } } = view;
 const keys = { ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => view.pick(number)])),
   j: () => step(1), k: () => step(-1), z: () => stage.toggleZoom(), l: () => view.toggleLines(), f: () => view.fullScreen(),
   o: () => view.original(true), "+": stage.zoomIn, "=": stage.zoomIn, "-": stage.zoomOut, "0": () => stage.whole(),
-  s: () => view.save(), p: () => view.play(), g: toggleGrid, escape: () => view.controls.hand.stop() };
+  s: () => view.save(), p: () => view.play(), g: toggleGrid, escape: () => hand.stop(),
+  ...Object.fromEntries([["left", -1], ["right", 1], ["up", -1], ["down", 1]].map(([way, steps]) => [`arrow${way}`, () => hand.nudge(steps)])) };
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const key = event.key.toLowerCase();
@@ -150,18 +151,26 @@ addEventListener("keydown", (event) => {
     event.preventDefault();
     return view.undo();
   }
+  if (key.startsWith("arrow") && (!hand.pulls || event.target.closest?.("input, .handle"))) return;
   if (!view.current || typing || by("save-which").open || event.ctrlKey || event.metaKey || event.altKey || !(key in keys)) return;
   event.preventDefault();
   keys[key]();
 });
 addEventListener("keyup", (event) => event.key.toLowerCase() === "o" && view.current && view.original(false));
-const clicks = { previous: () => step(-1), next: () => step(1), close: () => close(view.current), zoom: () => stage.toggleZoom(),
+const clicks = { previous: () => step(-1), next: () => step(1), close: () => close(view.current), 
   "zoom-in": stage.zoomIn, "zoom-out": stage.zoomOut, grid: toggleGrid, "full-screen": () => view.fullScreen(), sample };
 for (const [id, clicked] of Object.entries(clicks)) by(id).addEventListener("click", clicked);
 by("drop-area").addEventListener("click", (event) => !event.target.closest("#sample") && by("choose").click());
 for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave"]) {
   by("original").addEventListener(name, () => view.original(name === "pointerdown"));
 }
+by("zoom").append(...[["", ""], ...words.zoomTo].map(([value, said]) => make("option", { value, hidden: !value }, said)));
+by("zoom").addEventListener("change", () => {
+  const scale = Number(by("zoom").value);
+  if (scale) stage.zoomTo(scale);
+  else stage.whole();
+  by("zoom").value = ""; // the first, which says the present zoom
+});
 by("zoom").title = words.zoomHelp;
 by("original").title = words.originalHelp;
 by("save-all").addEventListener("click", () => saveAll(strip.shown, notice));

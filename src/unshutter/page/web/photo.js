@@ -144,7 +144,7 @@ export class Photo extends Opened {
 
   small = (later) => this.show(SMALL, later);
 
-  // A quick picture of what a slider that is being dragged does.
+  // A quick picture of what something that is being dragged does.
   async draft(longest) {
     return (await this.ask("after", { longest, draft: 1 })).blob();
   }
@@ -173,9 +173,10 @@ export class Photo extends Opened {
     const [key, options] = [this.#candidatesOf, this.#finding];
     try {
       for (const [index, candidate] of this.candidates.entries()) {
-        const asked = { ...options, candidate: index + 1, longest: SMALL, draft: 1, later: 1 };
+        const asked = { ...options, candidate: index + 1, longest: SMALL, later: 1 };
         const answer = await this.askFor("after", async () => asked);
         if (this.#candidatesOf !== key) return;
+        candidate.crop = factsIn(answer).crop;
         candidate.blob = await answer.blob();
         this.tell();
       }

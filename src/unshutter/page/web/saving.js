@@ -61,8 +61,9 @@ async function saveMany(photos, to, notice, onlyChanged = false) {
       ask(`/api/saves/${saving.id}`, { method: "DELETE" });
     };
     box.hidden = false;
+    const show = watch();
     for await (saving of events(`/api/saves/${saving.id}/events`)) {
-      showHowFar(saving);
+      show(saving);
     }
     if (stopped) saving.state = "cancelled"; // even if it was just finished: its files are gone
     await ended(saving, notice);
@@ -76,13 +77,20 @@ async function saveMany(photos, to, notice, onlyChanged = false) {
   }
 }
 
-// How many are done; of a clip at work, how many frames.
-function showHowFar({ done, total, now }) {
-  const bar = by("saving-bar");
-  const many = total > 1 || !now ? words.saving(done.length, total) : "";
-  by("saving-words").textContent = [many, now ? words.making(now) : ""].filter(Boolean).join(" · ");
-  if (now && !now.done) bar.removeAttribute("value"); // nobody knows yet
-  else Object.assign(bar, now ? { max: now.total, value: Math.min(now.done, now.total) } : { max: total, value: done.length });
+// Shows how many are done, of a clip at work how many frames, and how long it still takes: one bar from start to end.
+export function watch() {
+  const began = performance.now();
+  let passes = 1; // over the frames of a clip: for some options all are looked at first
+  return ({ done, total, now }) => {
+    if (now?.what === "looking") passes = 2;
+    const pass = now?.done && now.what !== "readout time" ? Math.min(now.done / now.total, 1) : 0;
+    const share = (done.length + (now?.what === "frames" ? passes - 1 + pass : pass) / passes) / total;
+    const elapsed = (performance.now() - began) / 1000;
+    const left = share > 0.02 && elapsed > 2 ? words.left((elapsed * (1 - share)) / share) : "";
+    by("saving-words").textContent = [total > 1 || !now ? words.saving(done.length, total) : "", now ? words.making(now) : "", left].filter(Boolean).join(" · ");
+    if (share) by("saving-bar").value = share;
+    else by("saving-bar").removeAttribute("value"); // nobody knows yet
+  };
 }
 
 async function ended(saving, notice) {

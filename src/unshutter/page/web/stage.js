@@ -1,18 +1,22 @@
 // Before and after, one over the other, with a divider to drag; zoom by wheel, pinch and keys; lines over both.
+// Where the result is cropped, both are shown in the frame of the crop.
 
 import { draw, make } from "./nodes.js";
 import { words } from "./words.js";
 
+const WHOLE = [0, 0, 1, 1];
 const GRID_CELLS = 12; // across and down
 const STEP = 2; // of the divider, per cent
 const MOST_ZOOM = 16; // times the size that fits
 const ZOOM_STEP = 1.25; // for a press of a key
 const WHEEL = 0.0015; // of the zoom's logarithm for each pixel of the wheel
-const PINCHED_WHEEL = 0.01; // as touch pads send a pinch
+const [PINCHED_WHEEL, MOST_PINCHED] = [0.01, 20]; // as touch pads send a pinch; a wheel with Ctrl sends more at once
 
 export class Stage {
   #position = 50;
   #size = null; // of the photo [px]
+  #crop = WHOLE; // what of it is shown unless a tool is used: left, top, right, bottom, shares
+  #mode = ""; // of the tool: "drawing" on the photo as it was taken, "pulling" at the result; "": none
   #zoom = 1; // times the size that fits
   #shift = [0, 0]; // of the frame's middle from the stage's [CSS px]
   #addresses = {};
@@ -23,15 +27,15 @@ export class Stage {
   constructor(stage, on) {
     this.stage = stage;
     this.on = on;
-    this.tool = null; // that takes a press on the picture: function of the event, returns whether it did
+    this.tool = null; // that takes a press on the picture in its mode: function of the event, returns whether it did
     this.images = { before: make("img", { draggable: "false" }), after: make("img", { draggable: "false" }) };
     this.lines = { before: overlay("lines before"), after: overlay("lines after") };
     this.handle = make("div", { class: "handle", role: "slider", tabindex: "0", "aria-label": words.slider,
       "aria-valuemin": "0", "aria-valuemax": "100", "aria-orientation": "horizontal" }, make("span", { "aria-hidden": "true" }, "‹ ›"));
     const tags = ["before", "after"].map((side) => make("span", { class: `tag ${side}`, "aria-hidden": "true" }, words[side]));
-    this.frame = make("div", { class: "compare" },
-      make("div", { class: "layer after" }, this.images.after, this.lines.after),
-      make("div", { class: "layer before" }, this.images.before, this.lines.before), ...tags, grid(), this.handle);
+    this.wholes = ["after", "before"].map((side) => make("div", { class: "whole" }, this.images[side], this.lines[side]));
+    this.frame = make("div", { class: "compare" }, make("div", { class: "layer after" }, this.wholes[0]),
+      make("div", { class: "layer before" }, this.wholes[1]), ...tags, grid(), this.handle);
     this.message = make("div", { class: "message", role: "alert", hidden: true });
     stage.replaceChildren(this.frame, this.message);
     this.handle.addEventListener("keydown", (event) => this.#key(event));
@@ -39,7 +43,7 @@ export class Stage {
     stage.addEventListener("pointerdown", (event) => this.#press(event));
     stage.addEventListener("pointermove", (event) => this.#pinch(event));
     for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => this.#pointers.delete(event.pointerId));
-    stage.addEventListener("dblclick", (event) => !this.tool && !event.target.closest("button, .handle") && this.toggleZoom());
+    stage.addEventListener("dblclick", (event) => !this.mode && !event.target.closest("button, .handle") && this.toggleZoom([event.clientX, event.clientY]));
     new ResizeObserver(() => this.#fit()).observe(stage);
     this.move(50);
   }
@@ -98,11 +102,24 @@ export class Stage {
 
   // What is left of the picture after: [left, top, right, bottom], shares; null: all.
   crop(window) {
-    const [left, top, right, bottom] = window ?? [0, 0, 1, 1];
-    const inset = [top, 1 - right, 1 - bottom, left].map((share) => `${100 * share}%`).join(" ");
-    this.images.after.style.clipPath = `inset(${inset})`;
-    this.frame.style.setProperty("--cut-top", `${100 * top}%`); // the word "after" stands in what is left
-    this.frame.style.setProperty("--cut-right", `${100 * (1 - right)}%`);
+    this.#crop = window ?? WHOLE;
+    this.#fit();
+  }
+
+  // A tool is used: "drawing", "pulling" or none, "".
+  set mode(mode) {
+    this.#mode = mode;
+    for (const each of ["drawing", "pulling"]) this.frame.classList.toggle(each, each === mode);
+    this.#fit();
+  }
+
+  get mode() {
+    return this.#mode;
+  }
+
+  // Shears the picture after by a matrix about a point, until its next picture comes; null: not.
+  shear(matrix, origin = "") {
+    Object.assign(this.images.after.style, { transform: matrix ? `matrix(${matrix}, 0, 0)` : "", transformOrigin: origin });
   }
 
   // Lines over both pictures: {before: [[x, y, x, y]...], after}, shares; null: none.
@@ -124,9 +141,14 @@ export class Stage {
     return this.frame.classList.toggle("with-grid");
   }
 
-  // Of an event: shares of the picture's width and height.
+  // Where all of the photo is on the screen, although a crop may hide some of it.
+  get box() {
+    return this.wholes[1].getBoundingClientRect();
+  }
+
+  // Of an event: shares of the photo's width and height.
   shares(event) {
-    const box = this.frame.getBoundingClientRect();
+    const { box } = this;
     return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
   }
 
@@ -136,17 +158,25 @@ export class Stage {
     return Math.abs(this.#zoom - 1) > 0.001;
   }
 
+  // Pixels of the screen for each pixel of the photo, along a side; 0: there is no photo.
+  get scale() {
+    return this.#size ? devicePixelRatio * this.#fitting() * this.#zoom : 0;
+  }
+
   // One pixel of the photo for each pixel of the screen; again: all of it.
-  toggleZoom() {
+  toggleZoom(at = null) {
     if (this.zoomed) this.whole();
-    else if (this.#size) this.zoomBy(1 / (devicePixelRatio * this.#fitting() * this.#zoom));
+    else this.zoomTo(1, at);
+  }
+
+  zoomTo(scale, at = null) {
+    this.zoomBy(scale / this.scale, at);
   }
 
   whole() {
     this.#zoom = 1;
     this.#shift = [0, 0];
     this.#fit();
-    this.on.zoom();
   }
 
   // Zooms about a point of the screen; by default the middle of the stage.
@@ -159,7 +189,6 @@ export class Stage {
     this.#shift = this.#shift.map((shift, k) => from[k] - ((from[k] - shift) * zoom) / this.#zoom);
     this.#zoom = zoom;
     this.#fit();
-    this.on.zoom();
   }
 
   zoomIn = () => this.zoomBy(ZOOM_STEP);
@@ -173,15 +202,25 @@ export class Stage {
     return Math.max(width, height) * devicePixelRatio;
   }
 
+  get #window() {
+    return this.#mode ? WHOLE : this.#crop;
+  }
+
+  // Width and height of what is shown of the photo [px].
+  get #shownSize() {
+    const [left, top, right, bottom] = this.#window;
+    return [this.#size.width * (right - left), this.#size.height * (bottom - top)];
+  }
+
   // CSS px for each pixel of the photo where all of it is shown.
   #fitting() {
-    const { width, height } = this.#size;
+    const [width, height] = this.#shownSize;
     return Math.min(this.stage.clientWidth / width, this.stage.clientHeight / height);
   }
 
   #fit() {
     if (!this.#size || !this.stage.clientWidth) return;
-    const sides = [this.#size.width, this.#size.height].map((side) => side * this.#fitting() * this.#zoom);
+    const sides = this.#shownSize.map((side) => side * this.#fitting() * this.#zoom);
     const room = [this.stage.clientWidth, this.stage.clientHeight];
     this.#shift = this.#shift.map((shift, k) => {
       const most = Math.max((sides[k] - room[k]) / 2, 0);
@@ -189,7 +228,12 @@ export class Stage {
     });
     const [left, top] = room.map((side, k) => (side - sides[k]) / 2 + this.#shift[k]);
     Object.assign(this.frame.style, { width: `${sides[0]}px`, height: `${sides[1]}px`, left: `${left}px`, top: `${top}px` });
+    const [x1, y1, x2, y2] = this.#window;
+    for (const [name, value] of Object.entries({ left: -x1 / (x2 - x1), top: -y1 / (y2 - y1), width: 1 / (x2 - x1), height: 1 / (y2 - y1) })) {
+      for (const whole of this.wholes) whole.style[name] = `${100 * value}%`;
+    }
     this.stage.classList.toggle("zoomed", this.zoomed);
+    this.on.zoom();
   }
 
   // ---- what the user does ----
@@ -204,7 +248,8 @@ export class Stage {
   #wheel(event) {
     if (this.frame.hidden) return;
     event.preventDefault();
-    this.zoomBy(Math.exp(-event.deltaY * (event.ctrlKey ? PINCHED_WHEEL : WHEEL)), [event.clientX, event.clientY]);
+    const pinched = PINCHED_WHEEL * Math.min(Math.max(event.deltaY, -MOST_PINCHED), MOST_PINCHED);
+    this.zoomBy(Math.exp(-(event.ctrlKey ? pinched : WHEEL * event.deltaY)), [event.clientX, event.clientY]);
   }
 
   #press(event) {
@@ -214,15 +259,18 @@ export class Stage {
     event.preventDefault();
     const grabbed = event.target.closest(".handle");
     if (grabbed) this.handle.focus({ focusVisible: false });
-    else if (this.tool?.(event)) return;
-    if (this.zoomed && !grabbed) return this.#drag(event, (dx, dy) => {
+    else if (this.mode && this.tool(event)) return;
+    if (this.zoomed && !grabbed) return this.drag(event, (dx, dy) => {
       this.#shift = [this.#shift[0] + dx, this.#shift[1] + dy];
       this.#fit();
     });
     if (!event.target.closest(".compare") || this.frame.classList.contains("single")) return;
-    const follow = (at) => this.move(100 * this.shares(at)[0]);
+    const follow = (at) => {
+      const box = this.frame.getBoundingClientRect();
+      this.move((100 * (at.clientX - box.left)) / box.width);
+    };
     if (!grabbed) follow(event);
-    this.#drag(event, (dx, dy, at) => follow(at));
+    this.drag(event, (dx, dy, at) => follow(at));
   }
 
   // Two fingers: zooms by how their distance changes, and goes with their middle.
@@ -240,7 +288,8 @@ export class Stage {
     } else this.#pointers.set(event.pointerId, [event.clientX, event.clientY]);
   }
 
-  #drag(start, moved) {
+  // Follows a press: moved(dx, dy, event) hears of each step, ended(event) of its end.
+  drag(start, moved, ended = () => {}) {
     let { clientX: x, clientY: y } = start;
     const target = this.stage;
     target.setPointerCapture(start.pointerId);
@@ -254,6 +303,7 @@ export class Stage {
       target.removeEventListener("pointermove", go);
       target.removeEventListener("pointerup", stop);
       target.removeEventListener("pointercancel", stop);
+      ended(event);
     };
     target.addEventListener("pointermove", go);
     target.addEventListener("pointerup", stop);

@@ -11,6 +11,7 @@ const FILTERS = {
   all: () => true,
   changed: ({ state, result }) => state === "done" && Boolean(result?.changed),
   look: ({ state, result }) => state === "asking" || (state === "done" && Boolean(result?.changed && result.certainty === "unsure")),
+  alone: ({ state, kind, result }) => state === "done" && kind === "photo" && !result.changed,
   failed: ({ state }) => state === "failed",
 };
 
@@ -100,7 +101,7 @@ export class Strip {
     const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
     if (blob && blob !== item.drawn) {
       item.drawn = blob;
-      paint(item.canvas, blob, SIDE);
+      paint(item.canvas, blob, SIDE, photo.pictures.after && photo.result?.crop);
     }
   }
 }
@@ -117,12 +118,14 @@ export function stateOf(photo) {
   return photo.state === "loading" ? words.loading(photo.loaded) : words[photo.state];
 }
 
-// Draws a picture as large as the side allows [px].
-export async function paint(canvas, blob, side) {
+// Draws what a crop leaves of a picture as large as the side allows [px]; crop: left, top, right, bottom, shares.
+export async function paint(canvas, blob, side, crop) {
   const picture = await createImageBitmap(blob);
-  const scale = Math.min(side / picture.width, side / picture.height);
-  canvas.width = picture.width * scale;
-  canvas.height = picture.height * scale;
-  canvas.getContext("2d").drawImage(picture, 0, 0, canvas.width, canvas.height);
+  const [left, top, right, bottom] = crop ?? [0, 0, 1, 1];
+  const [width, height] = [(right - left) * picture.width, (bottom - top) * picture.height];
+  const scale = Math.min(side / width, side / height);
+  canvas.width = width * scale;
+  canvas.height = height * scale;
+  canvas.getContext("2d").drawImage(picture, left * picture.width, top * picture.height, width, height, 0, 0, canvas.width, canvas.height);
   picture.close();
 }

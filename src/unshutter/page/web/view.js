@@ -11,7 +11,7 @@ import { Player } from "./player.js";
 import { saveMotion, saveOne } from "./saving.js";
 import { Stage } from "./stage.js";
 import { stateOf } from "./strip.js";
-import { words } from "./words.js";
+import { percent, words } from "./words.js";
 
 const SIDES = [1000, 1600, 2400]; // longer sides of copies for screens [px], as the program makes them
 const ZOOM_REST_MS = 250;
@@ -35,13 +35,13 @@ export class View {
     const lines = new Lines(this.stage, () => {
       this.controls.show(this.current);
       this.refresh();
-    });
+    }, () => this.#draft());
     this.lines = lines;
     const undo = () => this.undo();
     this.controls = new Controls(by("panel"), lines, {
       change: () => this.refresh(),
       draft: () => this.#draft(),
-      tool: (kind) => this.#drawing(kind),
+      tool: (name) => this.#using(name),
       undo,
       lines: () => this.toggleLines(),
       save: () => this.save(),
@@ -59,7 +59,7 @@ export class View {
       neighbour: () => this.controls.neighbours.open(),
       ratio: () => this.controls.neighbours.askRatio(),
       byHand: () => this.controls.hand.open(),
-      drawn: () => this.controls.hand.stop(),
+      done: () => this.controls.hand.stop(),
       leaveNeighbours: () => this.controls.neighbours.clear(),
     });
     this.moments = new Moments(by("moments"), (number) => this.goTo(number));
@@ -96,7 +96,7 @@ export class View {
       if (which === "before" && !pictures.after) this.stage.picture("after", picture.blob, facts, "");
     }
     this.stage.crop(result?.crop ?? null);
-    this.stage.single = kind === "photo" && !(state === "done" && result?.changed) && !(result?.changed && state === "finding");
+    this.stage.single = kind === "clip" ? !pictures.after : !(result?.changed && ["done", "finding"].includes(state));
     this.panel.show(this.current);
     this.#advise();
     this.moments.show(this.current);
@@ -182,7 +182,7 @@ export class View {
   }
 
   original(on) {
-    this.stage.original = on || this.lines.kind !== null;
+    this.stage.original = on;
   }
 
   toggleLines() {
@@ -204,8 +204,7 @@ export class View {
 
   // Another zoom: once it rests, pictures of that size are asked for.
   #zoomed() {
-    by("zoom").setAttribute("aria-pressed", this.stage.zoomed);
-    by("zoom").textContent = this.stage.zoomed ? words.zoomFit : words.zoom;
+    by("zoom").options[0].textContent = percent(this.stage.scale);
     clearTimeout(this.#resizing);
     this.#resizing = setTimeout(() => {
       const before = this.current?.pictures.before;
@@ -213,7 +212,7 @@ export class View {
     }, ZOOM_REST_MS);
   }
 
-  // What a slider that is being dragged does: quick pictures, one after the other, the last one as it rests.
+  // What something that is being dragged does: quick pictures, one after the other, the last one as it rests.
   async #draft() {
     this.#draftAgain = true;
     if (this.#drafting) return;
@@ -226,7 +225,6 @@ export class View {
         const blob = await photo.draft(SIDES[0]);
         if (photo !== this.current || photo.pictures.after !== after) continue;
         this.stage.single = false;
-        this.stage.crop(null);
         this.stage.picture("after", blob, photo.facts, words.afterAlt(photo.name));
         this.#shown.after = null; // the whole answer is to take its place
       } catch {
@@ -242,14 +240,14 @@ export class View {
   }
 
   #advise() {
-    this.advice.show(this.current, this.lines.kind);
+    this.advice.show(this.current, this.controls.hand.tool);
   }
 
-  // A tool draws lines: they are drawn on the photo as it was taken, and snap to its segments.
-  async #drawing(kind) {
+  // A tool by hand is taken or put away: lines are drawn on the photo as it was taken, and snap to its segments.
+  async #using(name) {
     const photo = this.current;
     this.#advise();
-    if (!kind || !photo) return;
+    if (!photo || this.lines.kind === null) return;
     try {
       this.lines.segments = (await (await photo.ask("segments")).json()).before;
     } catch {

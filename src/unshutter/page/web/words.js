@@ -2,7 +2,7 @@
 
 import { count, percent, pixels, reasons } from "./reasons.js";
 
-export { reasons };
+export { percent, reasons };
 
 const probability = (share) => (share < 0.01 ? "< 1 %" : share > 0.99 ? "> 99 %" : percent(share));
 const POSSIBLE = 0.1; // probability of a motion that is still called possible
@@ -33,9 +33,9 @@ export const words = {
   original: "Hold for original",
   originalHelp: "Hold it down to see the photo as it was taken (key O)",
   linesFound: "Show lines",
-  zoom: "100 %",
-  zoomFit: "Fit",
-  zoomHelp: "One pixel of the photo for each pixel of the screen, and back (key Z)",
+  zoom: "Zoom",
+  zoomTo: [["fit", "Fit"], ["0.5", "50 %"], ["1", "100 %"], ["2", "200 %"]],
+  zoomHelp: "100 %: one pixel of the screen for each pixel of the photo (key Z)",
   zoomIn: "Zoom in (key +)",
   zoomOut: "Zoom out (key −)",
   grid: "Grid (key G)",
@@ -48,7 +48,7 @@ export const words = {
   close: (name) => `Close ${name}`,
 
   filter: "Show",
-  filterOf: { all: (n) => `All ${n}`, changed: (n) => `Straightened ${n}`, look: (n) => `Please look ${n}`, failed: (n) => `Failed ${n}` },
+  filterOf: { all: (n) => `All ${n}`, changed: (n) => `Straightened ${n}`, look: (n) => `Please look ${n}`, alone: (n) => `Left unchanged ${n}`, failed: (n) => `Failed ${n}` },
   allDone: "Looked through",
   doneOf: (done, total) => `${done} of ${total} looked through`,
 
@@ -80,11 +80,12 @@ export const words = {
   why: ({ code, figures, reason, confidence }) => {
     const line = reasons[code]?.(figures) ?? reason;
     const bare = ["no-motion", "no-visible-motion", "too-small"].includes(code); // whose figures lack the confidence
-    return bare && typeof confidence === "number" ? `${line} (confidence ${percent(confidence)})` : line;
+    return bare && confidence >= 0.5 ? `${line} (confidence ${percent(confidence)})` : line;
   },
   leftAlone: (reason) => `Left unchanged: ${reason}.`,
   youLeftAlone: "Left unchanged, as you asked.",
   nothingChanged: "There is nothing to save: the photo is unchanged.",
+  left: (s) => (s < 90 ? `about ${Math.max(Math.round(s / 5) * 5, 5)} s left` : `about ${Math.round(s / 60)} min left`),
 
   // a file's name at the start stays in small letters
   sentence: (line, name) => `${name && line.startsWith(name) ? line[0] : line[0].toUpperCase()}${line.slice(1)}.`,
@@ -92,7 +93,10 @@ export const words = {
   filmUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
 
   // a photo that was left unchanged, and what may help
-  declined: (reason) => `Left unchanged: ${reason}.`,
+  declined: "What leans here may be perspective, or the camera was held askew. If it is neither, say what you know, or straighten it by hand.",
+  triedWay: (way) => `Tried as if the camera moved${{ left: " to the left", right: " to the right", up: " upwards", down: " downwards", yes: "" }[way]}: `
+    + "that gives no clear answer either. What leans may be perspective; by hand you decide yourself.",
+  triedAnyway: "Tried at any confidence: no motion was found at all. What leans may be perspective; by hand you decide yourself.",
   adviceWay: "Which way did the camera move?",
   ways: { left: "← to the left", right: "to the right →", yes: "It moved somehow" },
   adviceAnyway: "Straighten it even if unsure",
@@ -116,24 +120,25 @@ export const words = {
   },
   candidateHelp: ({ probability: share }) => "How far places would move"
     + (share === null ? "" : `. The probability that this helps is ${probability(share)}`),
-  candidateLabel: (name, figures) => `Take it: ${name}${figures ? ` (${figures})` : ""}`,
 
   // by hand
   byHand: "By hand",
-  byHandHelp: "Press a kind of line and drag along such a thing in the photo, or set the numbers.",
-  drawLine: { upright: "Upright line", level: "Level line", straight: "Bent edge" },
-  drawHelp: {
+  byHandHelp: "Press a button, then drag in the photo.",
+  tool: { lean: "Lean [°]", bend: "Bend [%]", turn: "Turn [°]", upright: "Upright line", level: "Level line", straight: "Bent edge" },
+  toolHelp: {
+    lean: "Drag in the photo, or press the arrow keys, until what is upright stands upright.",
+    bend: "Drag the middle of the photo, or press the arrow keys, until what is straight is not bent any more.",
+    turn: "Drag in the photo, or press the arrow keys, until the top and the bottom are not turned against each other.",
     upright: "Drag along something that stands upright: a corner of a house, a lamp post. Two or more are best.",
     level: "Drag along something level: a sill, a row of windows, a kerb. It becomes level, so draw along what faces you.",
     straight: "Drag from end to end of something straight that looks bent, then pull the middle onto it.",
   },
-  drawDone: "Done",
-  drawDoneHelp: "Shows the photo straightened (key Escape)",
+  toolDone: "Done",
+  toolDoneHelp: "Shows the photo straightened (key Escape)",
   lineOf: { upright: "upright line", level: "level line", straight: "bent edge" },
   lineTrouble: { sideways: "runs the other way: not used", contradicts: "cannot be met with the others" },
   lineEnd: (line, number, end) => `Point ${end} of line ${number}, ${line}`,
   lineRemove: (line, number) => `Remove ${line} ${number}`,
-  slider_: { lean: "Lean [°]", bend: "Bend [% of height]", turn: "Turn [°]" },
   undoHand: "Undo",
   undoHandHelp: "Takes back the last step by hand (Ctrl+Z)",
   resetHand: "Remove all of it",
@@ -141,7 +146,8 @@ export const words = {
   edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
   edgesKeep: (whole) => "Corners that the photo did not see stay empty"
     + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it. Choose under “Empty corners”.`),
-  edgesFill: "Corners that the photo did not see are filled with a mirror image of the photo.",
+  edgesFill: (whole) => "Corners that the photo did not see are filled with a mirror image of the photo"
+    + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it.`),
   edgesBorrow: "Corners that the photo did not see are borrowed from its neighbours.",
   heldSo: (roll, tilt, from) => {
     const parts = [];
@@ -177,7 +183,7 @@ export const words = {
     moving: "In a train, on a car, on a drone: motion is likely. The way it went decides between candidates.",
     strength: "How much of the motion to undo: 100 % is all of it",
     upright: "Turned, whether or not the camera moved",
-    edges: "Places that the photo did not see. Automatic: cut off where at least 80 % of the photo is left",
+    edges: "Places that the photo did not see. Automatic: cut off where at least 80 % of the photo is left, else filled",
     format: "Of the file that is saved",
     "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
   },
@@ -230,7 +236,7 @@ export const words = {
   reset: "Reset",
   keys: "Keys",
   keyList: [
-    ["← →", "move the divider, if it is selected"],
+    ["← →", "move the divider, if it is selected; lean, bend and turn by hand"],
     ["J, K", "next, previous photo"],
     ["+ −, wheel, pinch", "zoom"],
     ["1, 2, 3 …", "what it could be: take one"],
