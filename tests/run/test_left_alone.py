@@ -12,6 +12,7 @@ from support.camera_files import dng, heic, linear
 from support.sure_estimator import Sure
 from unshutter.motion import Motion, RowMotion
 from unshutter.photo import Photo
+from unshutter.reasons import Code, Reason
 from unshutter.run.inputs import find_photos
 from unshutter.single.estimator import View
 
@@ -52,6 +53,13 @@ def test_what_to_do_next_ends_the_summary(folder: Path, capsys: pytest.CaptureFi
         last = capsys.readouterr().err.splitlines()[-1]
         next_step = f"unshutter: what to try for photos left unchanged: {steps}"
         assert last == next_step if steps else last.startswith(str(folder / name))
+
+
+def test_the_summary_names_moving_where_it_is_unsure_whether_the_camera_moved(folder, capsys, monkeypatch) -> None:
+    doubtful = Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.6)
+    monkeypatch.setattr("unshutter.run.work.load", lambda name: Sure(None, reason=doubtful))
+    assert rectify(folder, "-o", folder.parent / "out") == 0
+    assert "if the camera moved: --moving" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_a_set_for_photogrammetry_of_which_only_a_part_changed_is_warned_of(folder: Path, capsys) -> None:

@@ -332,7 +332,7 @@ class Neighbours:
     each_alone: bool = option(
         False,
         "Judge each photo by itself. Default: the photos of a folder, by camera and hour, say together how many of "
-        "them moved.",
+        "them moved, and those of a burst show one another's motion.",
         page=False,
     )
     fallback: bool = option(

@@ -30,6 +30,8 @@ _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
 _MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
 _MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while shooting
 _APPLE_HDR, _IS_HDR = 0x000A, 3
+_EXPOSURE_MODE, _BRACKET = 0xA402, 2
+_SETTINGS = 0x829D, 0x8827, 0x920A, 0x9206  # aperture, ISO, focal length, distance of the subject
 
 
 def taken(blob: bytes | None) -> datetime | None:
@@ -79,6 +81,17 @@ def is_merged(blob: bytes | None) -> bool:
         return True
     note = maker_notes.read(blob)
     return note is not None and note.maker == "Apple" and note.numbers(_APPLE_HDR) == (_IS_HDR,)
+
+
+def setting(blob: bytes | None) -> tuple[object, ...] | None:
+    """Returns the camera and its setting, except for the exposure time; None for a photo of a bracket or a merged one.
+
+    Settings that are not recorded are empty.
+    """
+    tree = exif.read(blob)
+    if tree is None or tree.number(_EXPOSURE_MODE, EXIF) == _BRACKET or is_merged(blob):
+        return None
+    return camera(blob), *(tree.numbers(tag, EXIF) for tag in _SETTINGS)
 
 
 def _first(tree: Tree, tag: int) -> float | None:

@@ -302,6 +302,12 @@ class Photo(FileOutput):
 
         return exposure.camera(self._metadata.exif)
 
+    def setting(self) -> tuple[object, ...] | None:
+        """Returns what photos of a burst have in common, from EXIF; None if this cannot be one of them."""
+        from unshutter.photo import exposure
+
+        return exposure.setting(self._metadata.exif)
+
     def is_merged(self) -> bool:
         """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
         from unshutter.photo import exposure

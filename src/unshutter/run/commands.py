@@ -10,12 +10,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError, visible
-from unshutter.options import Estimate, Rectify, Run, Undo
+from unshutter.options import Estimate, Find, Rectify, Run, Undo
 from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
 from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
 from unshutter.run.manifest import Manifest
-from unshutter.run.plan import Goal, Outputs, Plan, motion_targets, planned, with_motions
+from unshutter.run.plan import Goal, Outputs, Plan, motion_targets, planned, with_bursts, with_motions
 from unshutter.run.report import Report, Tell, about, each_photo
 from unshutter.run.work import Lookahead, PhotoAhead, do_job
 from unshutter.single import register
@@ -48,9 +48,11 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
             folder.add(job, manifest.judged(job))
     if request.neighbours.sequence and plan.to_do:
         plan.to_do, ratio = with_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
+    elif plan.judged_together and request.find.estimator == Find().estimator:
+        plan.to_do = with_bursts(plan)
     here = {}  # what only this process has
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:
-        sources = [job.source for job in plan.to_do]
+        sources = [job.source for job in plan.to_do if job.burst is None]
         here["lookahead"] = Lookahead(sources, request.find_alone, run.max_pixels, request.undo)
     with Report(plan) as report:
         report.begin("" if ratio is None else f"unshutter: readout ratio {ratio}")

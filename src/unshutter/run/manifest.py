@@ -171,7 +171,7 @@ class Manifest:
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         verdict = outcome.verdict.as_json() if outcome.verdict else {}
         judged = Judged.of(job, outcome)
-        folder = judged.as_json() if judged else {}
+        folder = (judged.as_json() if judged else {}) | (job.burst.as_json() if job.burst else {})
         self._journal.add(json.dumps({**self._record(job, "done"), **origin, **verdict, **folder, **about}))
 
     def judged(self, job: Job) -> Judged | None:

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
+from unshutter.readout_time import ReadoutTime
+from unshutter.run.bursts import bursts_among
 from unshutter.run.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
 from unshutter.run.manifest import NAME, Manifest
 from unshutter.run.work import SHEET_PX, Job, PreviewError, open_photo
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from unshutter.frames.sequence import CameraMotion, GreyFrame
-    from unshutter.readout_time import ReadoutTime
 
 
 # Names with these extensions are meant as files, even if a folder is needed.
@@ -279,6 +280,7 @@ def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
 
 _LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
 _MANY = 2.5  # a gap is longer than this many usual intervals
+_GUESSED_ERROR = 0.25  # of a usual readout ratio
 _RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
 
 
@@ -289,24 +291,36 @@ def with_motions(
 
     All photos in order, including finished ones, are neighbours. Each folder is a separate sequence, split by
     unreadable photos; the jobs of those photos report why they cannot be read. There is no ratio if the user has stated
-    it, or nothing moves.
+    it, or nothing moves; two frames cannot show it, so a usual one is taken.
     """
     from unshutter.frames.sequence import CameraMotion
+    from unshutter.frames.tracks import GUESSED_RATIO
 
     stated, camera = request.readout_time, request.find.camera
-    finder = CameraMotion(stated, camera.focal_px, camera.direction)
-    readable: list[Place] = []
-    pairs: list[tuple[Place, Place]] = []  # consecutive photos
-    frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
+    usual = ReadoutTime(GUESSED_RATIO, _GUESSED_ERROR, "usual value")
+    for time in (stated, usual):
+        finder = CameraMotion(time, camera.focal_px, camera.direction)
+        readable: list[Place] = []
+        pairs: list[tuple[Place, Place]] = []  # consecutive photos
+        frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
+        unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
+        if unknown is None or finder.ratio is not None or request.neighbours.fallback:
+            break
+        if len(readable) > 2:
+            raise UnknownRatioError(str(unknown), unknown)
     motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
-    unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
-    if unknown is not None and finder.ratio is None and not request.neighbours.fallback:
-        raise UnknownRatioError(str(unknown), unknown)
     after = {absolute(first): absolute(second) for first, second in pairs}
     before = {second: first for first, second in after.items()}
     places = [(job, absolute(job.source)) for job in jobs]
     complete = [replace(job, motion=motions.get(at), before=before.get(at), after=after.get(at)) for job, at in places]
     return complete, None if stated is not None else finder.ratio
+
+
+def with_bursts(plan: Plan) -> list[Job]:
+    """Returns the jobs to do, those of photos taken just before or after others with what these show about them."""
+    places = [absolute(job.source) for job in plan.to_do]
+    found = bursts_among(plan.inputs.photos, {*places}, plan.request.find.camera, plan.run.max_pixels)
+    return [replace(job, burst=found.get(place)) for job, place in zip(plan.to_do, places, strict=True)]
 
 
 def _grey_frames(

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 Tell = Callable[[str], None]  # prints a line for the user
 
-_NO_VISIBLE_MOTION = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION}
-_BY_ITSELF = {*_NO_VISIBLE_MOTION, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
+_MAY_HAVE_MOVED = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.UNSURE_WHETHER_MOVED}
+_BY_ITSELF = {*_MAY_HAVE_MOVED, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
 
 
 class Report:
@@ -90,6 +90,7 @@ class Report:
             target=None if outcome.picture is None else str(outcome.picture),
             **(verdict.as_json() if verdict else {}),
             seconds=round(outcome.seconds, 3),
+            **(job.burst.as_json() if job.burst else {}),
             **extras,
         )
         if self._preview is not None:
@@ -102,6 +103,8 @@ class Report:
         if self.total == 1 or self._plan.run.verbose:
             model = f"model {outcome.model}" if outcome.model and changed else ""
             details = "; ".join(filter(None, (verdict and about(verdict), model, outcome.note)))
+        if job.burst is not None:
+            details = "; ".join(filter(None, (details, job.burst.described())))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
         what += " after all" if again else ""
         self.tell(f"{what} ({details})" if details else what)
@@ -174,12 +177,14 @@ class Report:
 def _next_steps(verdict: Verdict) -> Iterator[str]:
     """Suggests options for a photo that was left unchanged because it does not show clearly how it moved."""
     code = verdict.reason.code if verdict.reason is not None else None
-    if code in _NO_VISIBLE_MOTION:
+    if code in _MAY_HAVE_MOVED:
         yield "if the camera moved: --moving"
     if code in _BY_ITSELF:
         yield "with a frame taken just before or after: --before or --after"
     if verdict.leans and not verdict.changes:
         yield "if it leans: --upright level"
+    if code is Code.WHICH_WAY:
+        yield "if you know which way the camera moved: --moving left, right, up or down"
     if code is Code.UNSURE:
         yield "what else fits: unshutter estimate --candidates PHOTO"
 
@@ -236,6 +241,8 @@ def _advice(verdict: Verdict) -> str:
         figures = dict(verdict.reason.figures)
         limit = math.floor(10 * float(figures["confidence"])) / 10
         return f"--min-confidence {limit:g} would move it by up to {pixels(float(figures['px']))}"
+    if verdict.reason.code is Code.WHICH_WAY:
+        return "--moving left, right, up or down says which"
     return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""
 
 

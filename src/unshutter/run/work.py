@@ -19,6 +19,7 @@ from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.libvips import libvips
 from unshutter.photo.photo import PREVIEW
 from unshutter.photo.saving import not_written
+from unshutter.run.bursts import Burst
 from unshutter.single.register import load, method
 from unshutter.storage.locations import (
     Place,
@@ -70,6 +71,7 @@ class Job:
     motion: FrameMotion | None = None
     before: Place | None = None
     after: Place | None = None
+    burst: Burst | None = None  # what the photos taken just before and after it show; None: it is judged by itself
     mask_target: Place | None = None  # the mask of its valid pixels; None: not written
     # the same two for a photo that is left unchanged: usually a copy of its file under its own name
     unchanged: Place | None = None
@@ -249,8 +251,8 @@ def do_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Loo
 def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
     """Runs the job."""
     source_is = fingerprint(job.source)  # taken before reading: a photo that is modified later counts as changed
-    if lookahead is None or job.folder_log_odds is not None:
-        find = None if motion is not None else request.find_alone
+    if lookahead is None or job.folder_log_odds is not None or job.burst is not None:
+        find = None if motion is not None or job.burst is not None else request.find_alone
         if find is not None and job.folder_log_odds is not None:
             find = replace(find, camera=replace(find.camera, folder_log_odds=job.folder_log_odds))
         lookahead = Lookahead([job.source], find, job.max_pixels, request.undo)
@@ -261,7 +263,7 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
         result = _between(ahead.photo, job, request)
         model = result.model
     else:
-        result = _alone(ahead, request, motion)
+        result = _alone(ahead, job, request, motion)
         chance = result.found.chance
     picture, mask_target = (job.target, job.mask_target) if result.changed else (job.unchanged, job.unchanged_mask)
     picture = picture if result.changed or not request.save.only_changed else None
@@ -308,12 +310,14 @@ def _group(place: Place, photo: Photo) -> str:
     return "|".join((str(absolute(place).parent), photo.camera(), "" if taken is None else f"{taken:%Y-%m-%d %H}"))
 
 
-def _alone(ahead: PhotoAhead, request: Rectify, motion: str | None) -> Rectified:
-    """Rectifies a photo by itself, or with the motion shared by all photos."""
+def _alone(ahead: PhotoAhead, job: Job, request: Rectify, motion: str | None) -> Rectified:
+    """Rectifies a photo by itself, or with the motion that its burst shows, or with that shared by all photos."""
     from unshutter.motion.rectified import undo, undo_judged
 
     if motion is not None:
         return undo(ahead.photo, _parsed(motion), request.undo, request.find.camera.readout)
+    if job.burst is not None:
+        return undo(ahead.photo, job.burst.motion.motion(request.undo.reference or "first"), request.undo)
     found, verdict = ahead.judged()
     assert verdict is not None
     return undo_judged(ahead.photo, found, verdict, request.undo.edges)

@@ -1,0 +1,154 @@
+"""Finds bursts among the photos of a run: photos taken so soon after one another that they show how the camera moved.
+
+Their times are those of EXIF, with fractions of a second. A burst is by one camera with one setting: photos of an
+exposure bracket, or of another focal length or distance, are not neighbours. The readout time is the user's or, for
+cameras without a mechanical shutter, a cautious part of the usual one; for others it is too uncertain. A photo that its
+neighbours do not explain is judged by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError
+from unshutter.options import Camera
+from unshutter.photo import Photo
+from unshutter.readout_time import ReadoutTime
+from unshutter.storage.locations import Place, absolute
+
+if TYPE_CHECKING:
+    from unshutter.frames.frame_motion import FrameMotion
+    from unshutter.frames.sequence import CameraMotion, GreyFrame
+
+_LONGEST_S = 0.201  # from one photo to the next; with more, a hand changes its speed too much (docs/research/clips.md)
+_LONGEST_OF_TWO_S = 0.101  # two photos do not show how the speed changed
+_CLOCK_S = 0.012  # some cameras record hundredths of a second: intervals that differ by less are even
+_CAUTIOUS = 0.7  # of a usual readout time: one that is too long bends photos, one that is too short leaves them bent
+_SAME_EXPOSURE = 1.12  # ratio of exposure times; brackets have 1.26 or more
+
+
+@dataclass(frozen=True)
+class Burst:
+    """What the other photos of its burst show about a photo."""
+
+    motion: FrameMotion
+    others: int  # number of other photos
+    interval_s: float  # from one to the next
+    readout: ReadoutTime
+
+    def described(self) -> str:
+        """Describes what was used."""
+        photos = "1 photo" if self.others == 1 else f"{self.others} photos"
+        return f"by {photos} {self.interval_s:.2g} s apart, taking {self.readout.ms:.3g} ms ({self.readout.source})"
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns what was used, ready for JSON."""
+        data = {"others": self.others, "interval_s": self.interval_s, "readout_ms": self.readout.ms}
+        data |= {"plausible_ms": self.readout.plausible_ms, "found_by": self.readout.source}
+        return {"burst": data}
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """What is known of a photo before it is decoded."""
+
+    place: Path
+    size: tuple[int, int]
+    setting: tuple[Any, ...]  # the camera and its setting
+    exposure_s: float
+    at_s: float  # time
+    readout: ReadoutTime  # for the camera's kind
+
+    @classmethod
+    def of(cls, place: Place, max_pixels: int) -> _Taken | None:
+        """Returns the facts of a photo, or None if it cannot belong to a burst."""
+        with suppress(UnshutterError):
+            if isinstance(place, Path):
+                photo = Photo.open(place, max_pixels)
+                time, setting, exposure_s = photo.taken(), photo.setting(), photo.exposure_s()
+                if time is None or not time.microsecond or setting is None or exposure_s is None:
+                    return None
+                if photo.film() is None:  # which tells more than a burst
+                    size = photo.height, photo.width
+                    return cls(place, size, setting, exposure_s, time.timestamp(), photo.readout_time())
+        return None
+
+    @property
+    def group(self) -> tuple[Any, ...]:
+        return self.place.parent, self.size, self.setting[0]
+
+    def is_followed_by(self, other: _Taken) -> bool:
+        """Whether another photo with this setting was taken just afterwards."""
+        alike = (
+            self.setting == other.setting and 1 / _SAME_EXPOSURE < other.exposure_s / self.exposure_s < _SAME_EXPOSURE
+        )
+        return alike and 0 < other.at_s - self.at_s <= _LONGEST_S
+
+
+def bursts_among(
+    photos: Collection[Place], to_do: Collection[Place], camera: Camera, max_pixels: int
+) -> dict[Place, Burst]:
+    """Returns what photos show about others that are to do, which are named by their absolute places."""
+    found: dict[Place, Burst] = {}
+    for burst in _bursts(photos, max_pixels):
+        if any(absolute(each.place) in to_do for each in burst):
+            found |= dict(_motions(burst, camera, max_pixels))
+    return found
+
+
+def _bursts(photos: Collection[Place], max_pixels: int) -> Iterator[list[_Taken]]:
+    """Yields photos that follow one another, at least two."""
+    known = [taken for place in photos if (taken := _Taken.of(place, max_pixels)) is not None]
+    known.sort(key=lambda each: (str(each.group), each.at_s))
+    for _, group in groupby(known, key=lambda each: each.group):
+        burst: list[_Taken] = []
+        for taken in group:
+            if burst and not burst[-1].is_followed_by(taken):
+                yield from [burst] if len(burst) > 1 else []
+                burst = []
+            burst.append(taken)
+        yield from [burst] if len(burst) > 1 else []
+
+
+def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[tuple[Place, Burst]]:
+    """Yields the photos of a burst whose motion their neighbours show, with that motion."""
+    from unshutter.frames.frame_motion import AT_REST  # imported here: NumPy comes after decoding has begun
+    from unshutter.frames.sequence import CameraMotion
+    from unshutter.photo.exposure import DRONE, PHONE
+
+    time = burst[0].readout
+    if camera.readout_ms is not None:
+        time = ReadoutTime.of_ms(camera.readout_ms, "given")
+    elif time in (PHONE, DRONE):
+        time = replace(time, value=_CAUTIOUS * time.value)
+    else:
+        return
+    gaps = [after.at_s - before.at_s for before, after in pairwise(burst)]
+    interval_s = median(gaps)
+    if len(burst) == 2 and interval_s > _LONGEST_OF_TWO_S:
+        return
+    if max(abs(gap - interval_s) for gap in gaps) < _CLOCK_S:
+        gaps = [interval_s] * len(gaps)
+    finder = CameraMotion(time.in_frames(interval_s), camera.focal_px, camera.direction)
+    steps = [1.0, *(gap / interval_s for gap in gaps)]
+    try:
+        motions = list(finder.motions(_grey_frames(finder, burst, steps, max_pixels)))
+    except UnshutterError:  # one of them cannot be decoded, which is reported when its turn comes
+        return
+    for taken, motion in zip(burst, motions, strict=True):
+        if motion.reason is None or motion.reason.code in AT_REST:
+            place = absolute(taken.place)
+            yield place, Burst(motion, len(burst) - 1, round(interval_s, 4), time)
+
+
+def _grey_frames(finder: CameraMotion, burst: list[_Taken], steps: list[float], max_pixels: int) -> Iterator[GreyFrame]:
+    for taken, step in zip(burst, steps, strict=True):
+        frame = finder.look(Photo.open(taken.place, max_pixels))
+        frame.after = step
+        yield frame
