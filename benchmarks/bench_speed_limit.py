@@ -16,7 +16,7 @@ import cv2
 
 from unshutter.photo import Photo
 from unshutter.photo.exposure import PHONE
-from unshutter.single.sharpness import speed_limit
+from unshutter.single.sharpness import EdgeWidths, speed_limit
 
 
 def main() -> None:
@@ -35,7 +35,7 @@ def main() -> None:
 
 def _time(pixels) -> float:
     start = time.process_time()
-    speed_limit(lambda: pixels, 1 / 60, PHONE, merged=False)
+    speed_limit(lambda: EdgeWidths.of(pixels), 1 / 60, PHONE, merged=False)
     return 1000 * (time.process_time() - start)
 
 

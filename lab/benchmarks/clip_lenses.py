@@ -20,8 +20,8 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import av
 import numpy as np
+from clip_gain import psnr
 
 from unshutter.motion.lens import Lens
 from unshutter.photo import Photo
@@ -62,21 +62,6 @@ CASES = (
     Case(140, (0.0, 0.0, 0.0, 0.0), 0.7, 2, 7),
     Case(150, (-0.03, 0.005, -0.002, 0.0), 0.4, 0, 8),
 )
-
-
-def luma(path: Path):
-    with av.open(str(path)) as clip:
-        for frame in clip.decode(video=0):
-            yield frame.to_ndarray(format="gray")
-
-
-def psnr(path: Path, truth: Path) -> float:
-    found = []
-    border = int(0.06 * HEIGHT)
-    for one, other in zip(luma(path), luma(truth), strict=True):
-        inner = slice(border, -border)
-        found.append(10 * np.log10(255**2 / np.square(one[inner, inner].astype(float) - other[inner, inner]).mean()))
-    return float(np.mean(found))
 
 
 def rectified(clip: Path, out: Path, source: str | None, *flags: str) -> dict:

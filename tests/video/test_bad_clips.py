@@ -231,7 +231,7 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     process.communicate(timeout=60)
     assert not (tmp_path / "out.mp4").exists()
     words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6"]
-    assert main([*words, "--preset", "ultrafast"]) == 0
+    assert main([*words, "--preset", "ultrafast", "--end", "1"]) == 0
     assert "started from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out.mp4"]
 

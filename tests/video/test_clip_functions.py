@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import unshutter
-from support import clips
+from support import clips, hand_held
 from support.hand_held import pan
 from unshutter.errors import UnknownRatioError
+from unshutter.motion.lens import Lens
+from unshutter.video import clip_functions
 
 CAMERA, GREYS = clips.moving(24)
 TRUTH = np.stack(clips.truth(CAMERA)).astype(float)
@@ -63,6 +65,27 @@ def test_frames_come_while_others_are_still_to_be_decoded():
     results = unshutter.rectify_clip_frames(decoder(), readout_ratio=0.6)
     next(results)
     assert len(taken) < 60
+
+
+def test_a_lens_is_found_in_frames_as_it_is_in_files():
+    """Seen through 140 degrees from corner to corner, at even angles."""
+    focal = np.hypot(hand_held.HEIGHT, hand_held.WIDTH) / 2 / np.radians(70)
+    lens = Lens(focal / hand_held.HEIGHT, (0.0, 0.0, 0.0, 0.0))
+    camera = hand_held.camera(clips.shaken(), lens=lens, focal_px=focal)
+    frames = list(camera.rendered(clips.wall()))
+    truth = np.stack(list(camera.rendered(clips.wall(), global_shutter=True))).astype(float)
+    as_straight = list(unshutter.rectify_clip_frames(frames, readout_ratio=0.6, focal_px=focal))
+    found = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
+    straight, bent = (clips.psnr(np.stack(each).astype(float), truth) for each in (as_straight, found))
+    assert bent > straight + 3
+
+
+def test_frames_without_a_bent_lens_are_those_of_no_search(monkeypatch):
+    frames = clips.moving(60)[1]
+    searched = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
+    monkeypatch.setattr(clip_functions, "lens_in_greys", lambda _: None)
+    plain = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
+    assert all(np.array_equal(*pair) for pair in zip(searched, plain, strict=True)) and len(plain) == 60
 
 
 def test_the_focal_length_counts():

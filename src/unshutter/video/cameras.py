@@ -118,8 +118,6 @@ class CameraMode:
 @cache
 def table() -> tuple[CameraMode, ...]:
     """Returns all known modes, sorted by brand, model, lens and mode."""
-    text = (files("unshutter") / "video" / "cameras.csv").read_text(encoding="utf-8")
-    lines = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     return tuple(
         CameraMode(
             line["brand"],
@@ -135,8 +133,14 @@ def table() -> tuple[CameraMode, ...]:
             line["direction"] == "bottom-up",
             line["note"],
         )
-        for line in lines
+        for line in lines_of("cameras.csv")
     )
+
+
+def lines_of(table: str) -> csv.DictReader[str]:
+    """Returns the lines of a table that comes with the package."""
+    text = (files("unshutter") / "video" / table).read_text(encoding="utf-8")
+    return csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
 
 
 # ---- the readout time of a clip ----------------------------------------------------------------------------

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-import threading
+from collections import deque
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import AbstractContextManager, suppress
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from queue import Empty, Full, Queue
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
@@ -340,7 +340,6 @@ def _interlaced(place: str) -> UnshutterError:
 
 _T = TypeVar("_T")
 _END = object()
-_ASK_S = 0.1  # interval at which a waiting step checks whether to stop
 
 
 def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
@@ -348,46 +347,18 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
 
     When the iterator is closed, the thread ends after its current item and closes its own source.
     """
-    waiting: Queue[Any] = Queue(most)
-    stopped = threading.Event()
-    thread = threading.Thread(target=_work, args=(iter(items), waiting, stopped), daemon=True)
-    thread.start()
-    try:
-        while True:
-            item, error = waiting.get()
-            if error is not None:
-                raise error
-            if item is _END:
-                return
-            yield item
-    finally:
-        stopped.set()
-        while thread.is_alive():
-            with suppress(Empty):
-                waiting.get_nowait()
-            thread.join(_ASK_S)
-
-
-def _work(source: Iterator[Any], waiting: Queue[Any], stopped: threading.Event) -> None:
-    """Puts items into a queue, followed by an end marker or an error."""
-
-    def put(item: Any, error: BaseException | None) -> bool:
-        while not stopped.is_set():
-            with suppress(Full):
-                waiting.put((item, error), timeout=_ASK_S)
-                return True
-        return False
-
-    try:
-        for item in source:
-            if not put(item, None):
-                break
-        put(_END, None)
-    except BaseException as error:  # re-raised by the consumer, whatever it is
-        put(_END, error)
-    finally:
-        if isinstance(source, Generator):
-            source.close()
+    source, waiting = iter(items), deque[Future[Any]]()
+    with ThreadPoolExecutor(1) as thread:
+        try:
+            waiting.extend(thread.submit(next, source, _END) for _ in range(most))
+            while (item := waiting.popleft().result()) is not _END:
+                waiting.append(thread.submit(next, source, _END))
+                yield item
+        finally:
+            for future in waiting:
+                future.cancel()
+            if isinstance(source, Generator):
+                thread.submit(source.close)
 
 
 COPY_SIDE = 270  # px, short side of the copies in which corners are tracked

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.frame_motion import FrameMotion
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.sequence import CameraMotion, stated_time
+from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.motion import Motion
 from unshutter.options import Camera, Clock, FrameModel, Reference
 from unshutter.options.clip_options import MAX_CLIP_PIXELS, ClipEdges, ClipUndo, RectifyClip, Steadiness
@@ -24,6 +26,7 @@ from unshutter.video.clip import COPY_SIDE, small_grey
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
 from unshutter.video.frame_warper import FEWEST, small_motion, window_for
+from unshutter.video.lenses import lens_in_greys
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.stabilisation import CameraPath, stabilised
 
@@ -111,14 +114,14 @@ def rectify_clip_frames(
     """Rectifies the frames of a clip that you decode yourself, using one camera motion for each whole frame.
 
     Frames are yielded in order, some 30 frames after they are read, and as many are held in memory; up to 240 while
-    the readout ratio is estimated.
+    the readout ratio is estimated, and up to 80 while the lens is.
 
     Args:
         frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
             even intervals.
         readout_ratio: readout time of a frame, in frame intervals (above 0, at most 1). Without it, and without
             ``readout_ms`` and ``fps``, it is estimated from the frames, if they reveal it.
-        focal_px: focal length [px of the frames]; by default it is estimated from the frames.
+        focal_px: focal length [px of the frames]; by default it is estimated from the frames, and so is the lens.
         edges: areas outside the original frame: ``fill`` mirrors the frame, ``keep`` leaves them black.
         fps: frames per second, for ``readout_ms`` and for ``stabilize``, which assumes 30 by default.
         stabilize: also smooth the camera's path: movements shorter than this many seconds are removed. This takes
@@ -167,7 +170,7 @@ def _steady(
     path, last = None, None
     for frame, motion in _with_motion(iter(frames), camera):
         height, width = camera.readout.frame_size(*frame.shape[:2])
-        path = path or CameraPath(undo, camera.readout, width / height)
+        path = path or CameraPath(undo, camera.readout, width / height, camera.lens)
         small, cut = small_motion(motion), last is not None and motion.scene != last.scene
         path.add(small, motion.step_from(last), cut, len(path) / fps)
         last = motion
@@ -185,19 +188,22 @@ def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator
     first = next(frames, None)
     if first is None:
         return
-    _check(first, first)
     camera.window, searched = window_for(first.nbytes), camera.ratio is None
+    looked_at: list[np.ndarray] = []
     waiting: deque[np.ndarray] = deque()
 
-    def grey_frames() -> Iterator[GreyFrame]:
-        for frame in chain([first], frames):
+    def greys(frames: Iterable[np.ndarray], side: int, into: list[np.ndarray] | deque[np.ndarray]) -> Iterator[Any]:
+        for frame in frames:
             _check(frame, first)
-            waiting.append(frame)
-            grey = small_grey(frame, COPY_SIDE, 8 * frame.itemsize)
-            size = camera.readout.frame_size(*frame.shape[:2])
-            yield GreyFrame(*size, np.ascontiguousarray(camera.readout.turn(grey)))
+            into.append(frame)
+            yield np.ascontiguousarray(camera.readout.turn(small_grey(frame, side, 8 * frame.itemsize)))
 
-    for motion in camera.motions(grey_frames()):
+    frames = chain([first], frames)
+    if camera.focal_px is None:
+        camera.lens = lens_in_greys(greys(frames, TRACKED_SIDE, looked_at))
+    size = camera.readout.frame_size(*first.shape[:2])
+    copies = greys(chain(looked_at, frames), COPY_SIDE, waiting)
+    for motion in camera.motions(GreyFrame(*size, grey) for grey in copies):
         if motion.ratio_unknown and motion.reason is not None and searched:
             error = UnknownRatioError(str(motion.reason), motion.reason)
             raise error.with_advice("give readout_ratio, or readout_ms and fps")

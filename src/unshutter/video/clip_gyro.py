@@ -72,13 +72,9 @@ class ClipGyro:
         if self.reason is not None:
             record["declined"] = self.reason.as_json()
         if self.synchronisation is not None:
-            alignment = self.synchronisation.alignment
-            record |= {
-                "offset_s": alignment.offset_s,
-                "drift": alignment.drift,
-                "focal_heights": alignment.focal_px / ROWS,
-                "correlation": self.synchronisation.follows,
-            }
+            alignment, follows = self.synchronisation.alignment, self.synchronisation.follows
+            record |= {"offset_s": alignment.offset_s, "drift": alignment.drift}
+            record |= {"focal_heights": alignment.focal_px / ROWS, "correlation": follows}
         return record
 
 
@@ -94,8 +90,7 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
     if log is None:
         name = _unread_log(clip) if shutter.gyro is None and not can_parse() else None
         return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else None
-    begin_s, end_s = request.span
-    span = begin_s, min(end_s, clip.duration_s) if clip.duration_s else end_s
+    span = request.span[0], min(request.span[1], clip.duration_s or np.inf)
     offsets = _offsets(log, span)
     if not offsets:
         return ClipGyro(log.origin, None, None, Reason(Code.GYRO_TOO_SHORT))
@@ -108,9 +103,9 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
     focal_px = request.focal and request.focal * ROWS
     synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px)
     reason = synchronisation.reason
-    if reason is None and not _covers(log, synchronisation, span):
+    begin_s, end_s = map(float, synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0])))
+    if reason is None and not _covers(log, begin_s, end_s):
         reason = Reason(Code.GYRO_TOO_SHORT)
-    begin_s, end_s = synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0]))
     part = log.between(begin_s - _BEYOND_S, end_s + _BEYOND_S)
     turns = GyroTurns(part, synchronisation.alignment) if reason is None else None
     return ClipGyro(log.origin, synchronisation, turns, reason, stated)
@@ -150,11 +145,9 @@ def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float
     return [(least, greatest) for least, greatest in ranges if least < greatest]
 
 
-def _covers(log: GyroLog, synchronisation: Synchronisation, span: tuple[float, float]) -> bool:
-    ends = synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0]))
-    begin_s, end_s = log.span_s
-    inside = max(float(ends[0]), begin_s), min(float(ends[1]), end_s)
-    return inside[0] - ends[0] < _MISSING_S and ends[1] - inside[1] < _MISSING_S and log.covers(*inside)
+def _covers(log: GyroLog, begin_s: float, end_s: float) -> bool:
+    first, last = max(begin_s, log.span_s[0]), min(end_s, log.span_s[1])
+    return first - begin_s < _MISSING_S and end_s - last < _MISSING_S and log.covers(first, last)
 
 
 # ---- parts to compare ------------------------------------------------------------------------------------------

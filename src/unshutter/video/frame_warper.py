@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -34,13 +35,11 @@ from unshutter.video.gyro_fit import GyroTurns
 if TYPE_CHECKING:
     from av import VideoFrame
 
-    from unshutter.motion.shapes import Bool, UInt, UInt8
+    from unshutter.motion.shapes import UInt, UInt8
 
 
 _ALMOST_ALL = 0.8  # share of the picture found in both frames
 _MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this large, the flow is computed at half the size
-
-
 ROWS = 65  # of the small pictures to which the motions of clips refer
 GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
 FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
@@ -125,9 +124,7 @@ def with_motion(
         step = motion.step_from(last)
         yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
         last = motion
-    for item in waiting:
-        assert isinstance(item, SidePacket)  # all frames have their motion by now
-        yield item
+    yield from (item for item in waiting if isinstance(item, SidePacket))  # all frames have their motion by now
 
 
 def small_motion(motion: FrameMotion) -> Motion:
@@ -229,25 +226,18 @@ class _Copied:
         apart = clip.since(self.moving.frame, following.moving.frame)
         if apart is None or apart < ratio:
             return
-        try:
-            halvings = int(min(self.copy.shape) >= _MOST_ROWS)
-            flow_to_next = link(self.copy, following.copy, apart, halvings)
-        except UnshutterError:
-            return
-        # No common motion means a cut, or very different depths: the latter keep nearly all of the picture in view.
-        if not following.moving.cut or flow_to_next.flow.consistent >= _ALMOST_ALL:
-            self.to_next = flow_to_next
+        with suppress(UnshutterError):
+            flow_to_next = link(self.copy, following.copy, apart, int(min(self.copy.shape) >= _MOST_ROWS))
+            # No common motion means a cut, or very different depths: the latter keep nearly all of the picture in view.
+            if not following.moving.cut or flow_to_next.flow.consistent >= _ALMOST_ALL:
+                self.to_next = flow_to_next
 
     def with_neighbours(
         self, before: _Copied | None, after: _Copied | None, timing: Timing, readout: Readout
     ) -> LinkedFrame:
-        links: dict[int, Link] = {}
-        planes: dict[int, list[np.ndarray]] = {}
-        for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, self.to_next)):
-            if neighbour is not None and connection is not None:
-                links[side] = connection
-                if neighbour.planes:
-                    planes[side] = neighbour.planes
+        beside = {-1: (before, before and before.to_next), 1: (after, self.to_next)}
+        links = {side: to for side, (frame, to) in beside.items() if frame is not None and to is not None}
+        planes = {side: frame.planes for side, (frame, _) in beside.items() if side in links and frame and frame.planes}
         return LinkedFrame(self.moving, links, planes, timing, readout)
 
 
@@ -293,14 +283,9 @@ class Warper:
     def rectified(self, moving: MovingFrame) -> NewFrame:
         """Rectifies a frame by the camera's motion."""
         motion, frame, view = self.motion(moving), moving.frame, moving.view
-        if motion.is_zero and view is None and self.window is None:
-            return NewFrame(moving, frame)
-        picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         if motion.is_zero and view is None:
-            for before, after in zip(*map(self.clip.pixels.arrays, (frame, picture)), strict=True):
-                np.copyto(after, before)
-        else:
-            self._warp(frame, picture, FrameMap.of(motion, frame.height, frame.width, view))
+            return NewFrame(moving, frame if self.window is None else self._dressed(frame, frame))
+        picture = self._warped(frame, FrameMap.of(motion, frame.height, frame.width, view))
         return NewFrame(moving, self._dressed(picture, frame))
 
     def _by_flow(self, linked: LinkedFrame) -> NewFrame:
@@ -309,14 +294,14 @@ class Warper:
         where, lenders = linked.maps(self.undo)
         if where is None:
             return self.rectified(moving)
-        picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
-        self._warp(frame, picture, where)
+        picture = self._warped(frame, where)
         if lenders:
             self._borrow(lenders, picture, where)
         return NewFrame(replace(moving, dense=True), self._dressed(picture, frame))
 
-    def _warp(self, frame: VideoFrame, picture: VideoFrame, frame_map: FrameMap) -> None:
-        """Writes the rectified planes of a frame into those of another."""
+    def _warped(self, frame: VideoFrame, frame_map: FrameMap) -> VideoFrame:
+        """Returns the rectified pixels of a frame."""
+        picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
@@ -326,6 +311,7 @@ class Warper:
                 for plane, before, after in alike:
                     black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
                     warp_plane(before, positions, after[rows], black, limit)
+        return picture
 
     def _borrow(self, lenders: list[Lender], picture: VideoFrame, own: FrameMap) -> None:
         """Fills areas that a frame does not show from its neighbours, in the planes of the rectified frame."""
@@ -379,21 +365,18 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
     mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
     for moving in frames:
         motion = warper.motion(moving)
-        if not motion.is_zero or moving.view is not None:
-            _clear_invisible(mask, FrameMap.of(motion, clip.height, clip.width, moving.view))
+        if motion.is_zero and moving.view is None:
+            continue
+        frame_map = FrameMap.of(motion, clip.height, clip.width, moving.view)
+        last = frame_map.width / _COARSE - 2, frame_map.height / _COARSE - 2  # a margin of one spacing
+        for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
+            part = mask[rows]
+            inside = (col >= 1) & (col <= last[0]) & (row >= 1) & (row <= last[1])
+            part &= inside[: part.shape[0], : part.shape[1]]
     if mask.all():
         return None
     window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window
     return Tile(*(_COARSE * side for side in window))
-
-
-def _clear_invisible(mask: Bool[np.ndarray, "rows cols"], frame_map: FrameMap) -> None:
-    margin = 1.0  # one spacing between checked points
-    for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
-        inside = (col >= margin) & (col <= frame_map.width / _COARSE - 1 - margin)
-        inside &= (row >= margin) & (row <= frame_map.height / _COARSE - 1 - margin)
-        part = mask[rows]
-        part &= inside[: part.shape[0], : part.shape[1]]
 
 
 def side_by_side(

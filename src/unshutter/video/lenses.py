@@ -13,28 +13,27 @@ Errors of tracks follow Student's t.
 
 from __future__ import annotations
 
-import csv
-import json
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.resources import files
+from itertools import islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.camera import DEGREES, ROWS, padded_ends, student_weights, turn_jacobian
-from unshutter.frames.tracks import TRACKED_SIDE, Tracks
+from unshutter.frames.self_calibration import fewer
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.storage.files import read_text
 from unshutter.video import cameras
 from unshutter.video.clip import ClipRequest, followed
 
 if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
+    from unshutter.motion.shapes import Float64, UInt8
 
 
 def lens_of_clip(request: ClipRequest) -> Lens | None:
@@ -53,6 +52,8 @@ _LARGEST = 1 << 20  # bytes
 _MATRIX = "camera_matrix", "cameraMatrix", "K"
 _COEFFICIENTS = "distortion_coeffs", "distortion_coefficients", "dist_coeffs", "distCoeffs", "D"
 _SIDES = (("image_width", "width", "w"), ("image_height", "height", "h"))
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_LIST = r"[^\[]{0,200}(\[[\[\]\s\d.,eE+-]*)"  # of numbers, also nested; other facts of the matrix may come first
 _FISHEYE, _RADIAL = ("fisheye", "equidistant"), ("standard", "plumb", "rational", "radial", "pinhole")
 _SQUARE = 0.03  # pixels whose sides differ by more are those of an anamorphic lens
 _ALIKE = 0.01  # difference of aspect ratios
@@ -69,19 +70,18 @@ def lens_of_file(path: Path, request: ClipRequest) -> Lens:
     """
     try:
         text = read_text(path, _LARGEST)
-        data = _json(text) if text.lstrip().startswith("{") else None
-        matrix, k = (np.array(_numbers(data, text, names), np.float64) for names in (_MATRIX, _COEFFICIENTS))
-        width, height = (float(_word(data, text, names) or 0) for names in _SIDES)
     except OSError as error:
         raise UnshutterError(f"cannot read lens file {path}: {error.strerror}") from None
-    except (ValueError, TypeError, RecursionError):
-        matrix = k = np.zeros(0)
-        width = height = 0.0
+    except ValueError:
+        text = ""
+    lists = (re.findall(_NUMBER, _value(text, names, _LIST)) for names in (_MATRIX, _COEFFICIENTS))
+    matrix, k = (np.array(numbers, np.float64) for numbers in lists)
+    width, height = (float(_value(text, names, rf"\s*({_NUMBER})") or 0) for names in _SIDES)
     if matrix.size != 9 or k.size < 2 or not width > 0 or not height > 0 or not np.isfinite([*matrix, *k]).all():
         raise UnshutterError(
             f"{path}: not a lens file: it needs a camera matrix, distortion coefficients and the picture's size"
         )
-    model = (_word(data, text, ("distortion_model", "model")) or "").lower()
+    model = _value(text, ("distortion_model", "model"), r'\s*"?([\w-]+)').lower()
     fisheye = any(word in model for word in _FISHEYE) or (k.size == 4 and not any(word in model for word in _RADIAL))
     clip, (fx, fy), middle = request.clip, matrix[[0, 4]], matrix[[2, 5]]
     if abs(width * clip.height / (height * clip.width) - 1) > _ALIKE:
@@ -118,53 +118,27 @@ def _of_camera(
     return replace(lens, source=source)
 
 
-def _json(text: str) -> dict[str, Any]:
-    """Returns the keys and values of a JSON file, those of nested objects included."""
-    found: dict[str, Any] = {}
-
-    def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found.update({key: value for key, value in pairs if key not in found})
-        return dict(pairs)
-
-    json.loads(text, object_pairs_hook=collect)
-    return found
-
-
-def _numbers(data: dict[str, Any] | None, text: str, names: Sequence[str]) -> list[float]:
-    for name in names:
-        if data is None:
-            value = re.search(rf"^\s*{name}\s*:[^\[]*\[([^\]]*)\]", text, re.MULTILINE)
-            if value is not None:
-                return [float(each) for each in value[1].split(",")]
-        elif name in data:
-            value = data[name]
-            return list(np.ravel(value["data"] if isinstance(value, dict) else value))
-    return []
-
-
-def _word(data: dict[str, Any] | None, text: str, names: Sequence[str]) -> str | None:
-    for name in names:
-        if data is None:
-            value = re.search(rf"^\s*{name}\s*:\s*\"?([\w.-]+)", text, re.MULTILINE)
-            if value is not None:
-                return value[1]
-        elif data.get(name) is not None:
-            return str(data[name])
-    return None
+def _value(text: str, names: Sequence[str], form: str) -> str:
+    """Returns what follows the first of these keys that the file has, if it has this form; empty if it has none."""
+    found = (re.search(rf"(?<!\w){name}\"?\s*:{form}", text) for name in names)
+    return next((each[1] for each in found if each), "")
 
 
 # ---- the frames ------------------------------------------------------------------------------------------------
 
 _PART, _FEW_PARTS, _PARTS = 13, 2, 6  # frames of a part; parts examined, and if they show a bent lens too vaguely
 _FEWEST = 10  # pairs of frames
-_LEAST_TRACKS = 40  # of a pair
+_LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
 _LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
 _BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is described, in distances of the corner
 _FOCALS = tuple(0.85 * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
 _USUAL, _SPREAD = 0.85, 1.0  # prior: share of width + height, and standard deviation of its logarithm
-_STEPS, _ROUNDS, _WEIGHINGS = 0.1, 8, 4  # of both unknowns at first; of Newton's method; of the tracks' weights
+# first step of both unknowns, and rounds of Newton's method and of the tracks' weights: roughly, and then exactly
+_ROUGH, _EXACT = (0.1, 3, 2), (0.05, 8, 4)
+_FINEST = 0.03  # step at which Newton's method may end
 _COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
 _SURE = 8.0  # by so much must a bent lens explain the tracks better than one that keeps lines straight
+_HOPELESS = 0.25  # share of that, at the rough look
 _SURE_CORNER = 0.02  # largest standard deviation of the corner's distance from the middle, as a share of it
 
 
@@ -174,12 +148,28 @@ def lens_in_frames(request: ClipRequest) -> Lens | None:
     count = min(_PARTS, max(1, int((end - begin) / length_s)))
     starts = np.linspace(begin, max(end - 1.01 * length_s, begin), count)
     chosen = np.unique(np.linspace(0, count - 1, 2 * _FEW_PARTS + 1).astype(int)[1::2])
-    pairs: list[Tracks] = []
-    for part in (starts[chosen], np.delete(starts, chosen)):
-        for start in part:
-            for _, since, tracks, straight in followed(request, float(start), float(start) + length_s, TRACKED_SIDE):
+
+    def tracks(starts: np.ndarray) -> Iterator[Tracks]:
+        for start in starts.tolist():
+            for _, since, tracks, straight in followed(request, start, start + length_s, TRACKED_SIDE):
                 if since is not None and tracks is not None and straight is not None and not straight.cut:
-                    pairs.append(tracks)
+                    yield tracks
+
+    return _lens_in(tracks(part) for part in (starts[chosen], np.delete(starts, chosen)))
+
+
+def lens_in_greys(greys: Iterable[UInt8[np.ndarray, "rows columns"]]) -> Lens | None:
+    """Finds the lens in grey copies of the first frames of a clip, and takes no more of them than it needs."""
+    pairs = (follow(before, after) for before, after in pairwise(greys))
+    parts = (islice(pairs, _PART * many) for many in (_FEW_PARTS, _PARTS - _FEW_PARTS))
+    return _lens_in((pair for pair in part if not background(pair).cut) for part in parts)
+
+
+def _lens_in(parts: Iterable[Iterable[Tracks]]) -> Lens | None:
+    """Finds the lens in tracks of some frames, or of more if it is too vague in those."""
+    pairs: list[Tracks] = []
+    for part in parts:
+        pairs += part
         lens = lens_of_tracks(pairs)
         if lens is None or lens.error < _SURE_CORNER:
             return lens
@@ -195,20 +185,20 @@ def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
     pairs = [pair for pair in pairs if np.median(np.hypot(*(pair.end - pair.start).T)) * unit > _LEAST_MOVED_PX]
     if len(pairs) < _FEWEST:
         return None
-    turning = _Turning.of(pairs)
-    usual = np.log(_USUAL * (turning.width + ROWS))
-    prior: Callable[[np.ndarray], float] = lambda at: -0.5 * float((at[1] - usual) / _SPREAD) ** 2  # noqa: E731
-    focals = np.log(np.array(_FOCALS) * (turning.width + ROWS))
-
-    def height(at: np.ndarray) -> float:
-        return turning.evidence(at) + prior(at)
-
-    straight = max((np.array([1.0, focal]) for focal in focals), key=height)
-    best = max((np.array([bend, focal]) for bend in _BENDS for focal in focals), key=height)
-    straight, _ = _highest(height, straight, np.array([[0.0, 1.0]]))
-    best, covariance = _highest(height, best, np.eye(2))
-    if height(best) - height(straight) < _SURE:
-        return None
+    few = [fewer(pair, _ROUGHLY) for pair in pairs]
+    share = sum(map(len, few)) / sum(map(len, pairs))
+    usual = np.log(_USUAL * (pairs[0].width * unit + ROWS))
+    focals = usual + np.log(_FOCALS) - np.log(_USUAL)
+    straight = [np.array([1.0, focal]) for focal in focals]
+    bent = [np.array([bend, focal]) for bend in _BENDS for focal in focals]
+    covariance = np.eye(2)
+    for part, (step, rounds, weighings), enough in ((few, _ROUGH, _HOPELESS * share), (pairs, _EXACT, 1.0)):
+        turning = _Turning.of(part, float(usual), weighings)
+        at, _ = turning.highest(straight, np.array([[0.0, 1.0]]), step, rounds)
+        best, covariance = turning.highest(bent, np.eye(2), step, rounds)
+        if turning.height(best) - turning.height(at) < enough * _SURE:
+            return None
+        straight, bent = [at], [best]
     lens = turning.lens(best)
     corner = turning.corner / lens.focal
     angle = lens.angle(corner)
@@ -221,55 +211,27 @@ def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
     return replace(lens, source="frames", error=error)
 
 
-def _highest(height: Callable[[np.ndarray], float], at: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Climbs to the maximum of a function by Newton's method with numerical derivatives.
-
-    Args:
-        along: [n, unknowns] directions in which to climb.
-
-    Returns:
-        The position, and the covariance of the coordinates along these directions if the function is a log probability.
-    """
-    step, inverse = _STEPS, np.eye(len(along))
-    for _ in range(_ROUNDS):
-        moves = step * along
-        here = height(at)
-        up, down = (np.array([height(at + sign * move) for move in moves]) for sign in (1, -1))
-        bend = np.diag(up + down - 2 * here)
-        if len(along) == 2:
-            both = height(at + moves.sum(axis=0)) + height(at - moves.sum(axis=0)) - 2 * here
-            bend[0, 1] = bend[1, 0] = (both - np.trace(bend)) / 2
-        values, vectors = np.linalg.eigh(bend)
-        inverse = (vectors / np.maximum(np.abs(values), 1e-2)) @ vectors.T
-        jump = inverse @ (up - down) / 2
-        jump = jump * min(1.0, 2 / np.abs(jump).max())
-        tried = [at + share * jump @ moves for share in (1, 0.3, 0.1)]
-        tried += [at + sign * move for sign in (1, -1) for move in moves]
-        better = max(tried, key=height)
-        if height(better) < here + 0.02:
-            if step < 0.3 * _STEPS:
-                break
-            step = step / 3
-        else:
-            at, step = better, step / 2 if np.abs(jump).max() < 1 else step
-    return at, inverse * step**2
-
-
 @dataclass(eq=False)
 class _Turning:
-    """Tracks between frames, explained by turns of the camera through any lens."""
+    """Tracks between frames, explained by turns of the camera through any lens.
+
+    A lens is given by its bend and the logarithm of its focal length [px of ROWS rows].
+    """
 
     used: np.ndarray  # [pairs, most] which entries of the padded arrays hold a track
     middles: np.ndarray  # [pairs, most, 2] of the tracks [px of ROWS rows]
     moved: np.ndarray  # [pairs, 2 most] their displacements [px of ROWS rows]
     width: float  # of the frames [px of ROWS rows]
+    usual: float  # the logarithm of the focal length to expect
+    weighings: int  # rounds of the tracks' weights
+    _heights: dict[tuple[float, ...], float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, pairs: Sequence[Tracks]) -> _Turning:
+    def of(cls, pairs: Sequence[Tracks], usual: float, weighings: int) -> _Turning:
         ends, used = padded_ends(pairs)
         ends = ends * ROWS / pairs[0].height
         moved = (ends[1] - ends[0]).reshape(len(pairs), -1)
-        return cls(used, ends.mean(axis=0), moved, pairs[0].width * ROWS / pairs[0].height)
+        return cls(used, ends.mean(axis=0), moved, pairs[0].width * ROWS / pairs[0].height, usual, weighings)
 
     @property
     def corner(self) -> float:
@@ -277,7 +239,7 @@ class _Turning:
         return float(np.hypot(self.width / ROWS, 1)) / 2
 
     def lens(self, at: Float64[np.ndarray, "2"]) -> Lens:
-        """Returns the lens of a bend and the logarithm of a focal length [px of ROWS rows]."""
+        """Returns a lens."""
         bend, focal = float(at[0]), float(np.exp(at[1])) / ROWS
         root = max(abs(bend), 1e-9) ** 0.5
         reach = _WIDEST * root * self.corner / focal
@@ -286,7 +248,48 @@ class _Turning:
         k1, k2, k3, k4 = np.linalg.lstsq(angles[:, None] ** [2, 4, 6, 8], seen / angles - 1, rcond=None)[0].tolist()
         return Lens(focal, (k1, k2, k3, k4))
 
-    def evidence(self, at: Float64[np.ndarray, "2"]) -> float:
+    def highest(
+        self, starts: Sequence[np.ndarray], along: Float64[np.ndarray, "n 2"], step: float, rounds: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Finds the most probable lens, by Newton's method with numerical derivatives from the best of some lenses.
+
+        Args:
+            along: directions in which to climb.
+
+        Returns:
+            The lens, and the covariance of its coordinates along these directions.
+        """
+        at, inverse = max(starts, key=self.height), np.eye(len(along))
+        for _ in range(rounds):
+            moves = step * along
+            here = self.height(at)
+            up, down = (np.array([self.height(at + sign * move) for move in moves]) for sign in (1, -1))
+            bend = np.diag(up + down - 2 * here)
+            if len(along) == 2:
+                both = sum(self.height(at + sign * moves.sum(axis=0)) for sign in (1, -1)) - 2 * here
+                bend[0, 1] = bend[1, 0] = (both - np.trace(bend)) / 2
+            values, vectors = np.linalg.eigh(bend)
+            inverse = (vectors / np.maximum(np.abs(values), 1e-2)) @ vectors.T
+            jump = inverse @ (up - down) / 2
+            jump = jump * min(1.0, 2 / np.abs(jump).max())
+            tried = [at + share * jump @ moves for share in (1, 0.3, 0.1)]
+            tried += [at + sign * move for sign in (1, -1) for move in moves]
+            better = max(tried, key=self.height)
+            if self.height(better) < here + 0.02:
+                if step < _FINEST:
+                    break
+                step = step / 3
+            else:
+                at, step = better, step / 2 if np.abs(jump).max() < 1 else step
+        return at, inverse * step**2
+
+    def height(self, at: Float64[np.ndarray, "2"]) -> float:
+        """Returns the log probability of a lens given the tracks, up to a constant."""
+        if (key := tuple(at.tolist())) not in self._heights:
+            self._heights[key] = self._evidence(at) - 0.5 * float((at[1] - self.usual) / _SPREAD) ** 2
+        return self._heights[key]
+
+    def _evidence(self, at: Float64[np.ndarray, "2"]) -> float:
         """Returns the log probability of the tracks, up to a constant, with the most probable turns of each pair."""
         try:
             lens = None if at[0] == 1 else self.lens(at)
@@ -297,7 +300,7 @@ class _Turning:
         design = np.concatenate([shown, shown[..., :3] * row, shown[..., :3] * row**2], axis=-1)
         design = design.reshape(*self.moved.shape, -1)
         weights, noise, squared = self.used.astype(np.float64), np.nan, np.zeros(0)
-        for _ in range(_WEIGHINGS):
+        for _ in range(self.weighings):
             weighted = (design * np.repeat(weights, 2, axis=1)[..., None]).swapaxes(1, 2)
             normal = weighted @ design + 1e-4 * np.eye(design.shape[-1])
             left = self.moved - (design @ np.linalg.solve(normal, weighted @ self.moved[..., None]))[..., 0]
@@ -341,8 +344,6 @@ class LensProfile:
 @cache
 def table() -> tuple[LensProfile, ...]:
     """Returns all known lenses, sorted by brand, model, lens and mode."""
-    text = (files("unshutter") / "video" / "lenses.csv").read_text(encoding="utf-8")
-    lines = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     return tuple(
         LensProfile(
             line["brand"],
@@ -355,7 +356,7 @@ def table() -> tuple[LensProfile, ...]:
             tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
             int(line["profiles"]),
         )
-        for line in lines
+        for line in cameras.lines_of("lenses.csv")
     )
 
 
