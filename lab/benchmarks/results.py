@@ -88,25 +88,22 @@ def _commands(data: Path, most: int | None) -> Iterator[tuple[str, list[str]]]:
         for option, value in options.items():
             words += [option, *str(min(value, most) if most and option == "--photos" else value).split()]
         yield name, words
-    others = [str(folder) for folder in _photos_of_scikit_image()]
-    yield "others", ["evaluate", "--protocol", "undistorted", "--data", *others]
+    yield "others", ["evaluate", "--protocol", "undistorted", "--data", str(_photos_of_scikit_image())]
     examples = ["--data", "examples/original", "--per-photo", "12", "--seed", "1"]
     yield "examples", ["evaluate", "--protocol", "synthetic", *examples]
 
 
-def _photos_of_scikit_image() -> list[Path]:
-    """Each in a folder of its own, so that each has its row."""
+def _photos_of_scikit_image() -> Path:
+    """Returns a folder of them."""
     import skimage.data
 
     from unshutter.photo import Photo
 
-    folders = []
+    folder = BUILD / "photos" / "scikit-image"
+    folder.mkdir(parents=True, exist_ok=True)
     for name in OTHERS:
-        folder = BUILD / "photos" / name
-        folder.mkdir(parents=True, exist_ok=True)
         Photo.from_array(getattr(skimage.data, name)()).save(folder / f"{name}.png", overwrite=True)
-        folders.append(folder)
-    return folders
+    return folder
 
 
 def _run(command: list[str], keep: bool = False) -> str:

@@ -1,94 +1,100 @@
-"""What the length of smears adds to right angles: photos with drawn motion and the blur that goes with it.
+"""How right the directions are that smeared photos are given, and what is gained by undoing the motion (smear.py).
 
-    python lab/benchmarks/smears.py PHOTOS [--cases 90] [--seed 31] [--phone]
+    python lab/benchmarks/smears.py PHOTOS LOGS [--photos 140] [--seed 5]
 
-Each case is a photo of the folder that moves by 2 to 12 % of its height to the side, a little bent and turned, exposed
-for 1/30, 1/60 or 1/125 s, with noise, as a JPEG. The readout takes 30 ms, and that is known; with --phone it takes
-about 20 ms, and what is known is what is usual for phones. Reported are the cases in which smears are used: errors
-(EPE, px of 256 rows) of what is undone by right angles alone, with the smears, and of doing nothing.
+Photos are distorted by drawn motions and by recorded shake (LOGS: a folder), with the blur that belongs to them. Where
+smears are found, either direction is compared with the truth: the tables of docs/research/own-model-folders.md. Errors
+are in px of 256 rows.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from unittest.mock import patch
 
-import cv2
 import numpy as np
 
-from unshutter.motion import Motion, RowMotion
-from unshutter.motion.rectified import judged
-from unshutter.options import Camera, Undo
-from unshutter.photo import Photo
-from unshutter.photo.exposure import PHONE
-from unshutter.readout_time import ReadoutTime
-from unshutter.single import methods
-from unshutter.single.estimator import View
-from unshutter.single.methods import find_motion
+from unshutter.motion.verdict import LIKELY
+from unshutter.single.candidates import candidates_by_smear, candidates_of
+from unshutter.single.likelihood import segments_of, unusable
+from unshutter.single.methods import SegmentManhattan
 from unshutter.single.register import load
-from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.synthesis.row_motions import distorted
+from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
+from unshutter_lab.evaluation.pair_cases import logs_in, photos_in
+from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
 
-KNOWN = ReadoutTime.of_ms(30, "given")
-EXPOSURES_S = (1 / 30, 1 / 60, 1 / 125)
+SUITES = (
+    *(Suite(f"256 px 1/{n} s", exposure_s=1 / n, of_pictures=False) for n in (30, 60)),
+    *(Suite(f"native size 1/{n} s", rows=None, exposure_s=1 / n, of_pictures=False) for n in (30, 60, 125)),
+    *(Suite(f"50 ms {rows}", rows=rows, readout_s=0.05, exposure_s=1 / 30, of_pictures=False) for rows in (256, None)),
+)
+BINS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+WORSE_PX = 0.5
 
 
 @dataclass(frozen=True)
-class TimedView(View):
-    """A photo of which this is known of the readout time."""
+class Smeared:
+    """A photo in which smears were found: stated probability of the likelier direction, and errors [px]."""
 
-    time: ReadoutTime = KNOWN
-
-    def readout_s(self) -> ReadoutTime:
-        """What is known."""
-        return self.time
-
-
-def drawn(rng: np.random.Generator, height: int, width: int) -> RowMotion:
-    across = rng.uniform(0.02, 0.12) * height * rng.choice([-1, 1])
-    share = np.linspace(0, 1, height)
-    return RowMotion(width, across * share + rng.normal(0, 0.015) * height * share**2, rng.normal(0, 0.006) * share)
-
-
-def undone_error(motion: Motion, truth: Motion) -> float:
-    changes = judged(motion, Undo(), truth.height, truth.width)[1].changes
-    return motion_error(motion if changes else RowMotion.zero(truth.height, truth.width), truth).epe
+    stated: float
+    error: float  # along the likelier direction
+    other: float  # along the other
+    alone: float  # of what right angles alone decide
+    nothing: float
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    """Prints the two tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photos", type=Path)
-    parser.add_argument("--cases", type=int, default=90)
-    parser.add_argument("--seed", type=int, default=31)
-    parser.add_argument("--phone", action="store_true")
-    wanted = parser.parse_args()
-    photos = sorted(wanted.photos.rglob("*.jpg"))
-    rng, estimator, with_smears = np.random.default_rng(wanted.seed), load("segment-manhattan"), []
-    by_smear = methods.candidates_by_smear
-    for case in range(wanted.cases):
-        pixels = np.ascontiguousarray(cv2.imread(str(photos[rng.integers(len(photos))]))[..., ::-1])
-        truth, exposure_s = drawn(rng, *pixels.shape[:2]), EXPOSURES_S[case % 3]
-        readout_s = 0.02 * np.exp(rng.normal(0, 0.35)) if wanted.phone else KNOWN.typical_s
-        blurred = distorted(pixels, truth, exposure_s / readout_s * truth.height)
-        noisy = np.clip(blurred + rng.normal(0, 1.5, blurred.shape), 0, 255).astype(np.uint8)
-        data = cv2.imencode(".jpg", noisy[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
-        view = TimedView(Photo.from_bytes(data), Camera(exposure_s=exposure_s), time=PHONE if wanted.phone else KNOWN)
-        used = []
-        with patch.object(methods, "candidates_by_smear", lambda *a, used=used: used.append(by_smear(*a)) or used[-1]):
-            motion = find_motion(estimator, view)
-        if used and used[-1] is not None:
-            with patch.object(methods, "candidates_by_smear", lambda *_: None):
-                alone = find_motion(estimator, view)
-            zero = RowMotion.zero(truth.height, truth.width)
-            with_smears.append([undone_error(each, truth) for each in (alone, motion, zero)])
-            print("right angles {:.2f}, with smears {:.2f}, nothing done {:.2f}".format(*with_smears[-1]))
-    errors = np.array(with_smears)
-    names = zip(("right angles", "with smears", "nothing done"), errors.T, strict=True)
-    told = "; ".join(f"{name} median {np.median(each):.2f}, mean {each.mean():.2f}" for name, each in names)
-    worse = int((errors[:, 1] > errors[:, 2] + 0.3).sum())
-    print(f"smears used in {len(errors)} of {wanted.cases}: {told}; worse than nothing in {worse}")
+    parser.add_argument("logs", type=Path)
+    parser.add_argument("--photos", type=int, default=140, dest="count")
+    parser.add_argument("--seed", type=int, default=5)
+    given = parser.parse_args()
+    logs, estimator, found, count = logs_in(given.logs), load("segment-manhattan"), [], 0
+    assert isinstance(estimator, SegmentManhattan)
+    for path in photos_in(given.photos, given.count, given.seed):
+        for suite in SUITES:
+            count += 1
+            found += _judged(SyntheticCase(suite, "", path.name, path, 0, given.seed, logs), estimator)
+    print(f"smears in {len(found)} of {count}\n\n| stated | photos | mean | right |\n|---|---|---|---|")
+    for low, high in pairwise(BINS):
+        of = [each for each in found if low <= each.stated < high]
+        right = np.mean([each.error < each.nothing for each in of]) if of else np.nan
+        print(f"| {low} to {high} | {len(of)} | {np.mean([each.stated for each in of]):.2f} | {right:.2f} |")
+    nothing, best = np.mean([(each.nothing, min(each.error, each.other)) for each in found], axis=0)
+    print(f"\nnothing {nothing:.2f}, in the true direction {best:.2f}\n")
+    print("| rule | changed | mean | worse |\n|---|---|---|---|")
+    rules = {"likelier": 0.5, "likely": LIKELY}
+    for name, least in rules.items():
+        after = np.array([each.error if each.stated >= least else each.nothing for each in found])
+        print(_row(name, after, found))
+    print(_row("right angles alone", np.array([each.alone for each in found]), found))
+
+
+def _judged(case: SyntheticCase, estimator: SegmentManhattan) -> Iterator[Smeared]:
+    exam = case.exam()
+    view = exam.view
+    segments, size = segments_of(view)
+    if unusable(segments, view.height, view.width):
+        return
+    posterior, answer = estimator.weigh(view, segments, size)
+    candidates = candidates_by_smear(posterior, view, estimator.name)
+    if candidates is None:
+        return
+    first, second = (each for each in candidates if each.kind != "still")
+    alone = candidates_of(posterior, view, estimator.name, answer)[0].motion
+    errors = [motion_error(motion, exam.truth).epe for motion in (first.motion, second.motion, alone)]
+    yield Smeared(first.probability or 0.0, *errors, epe_of_nothing(exam.truth))
+
+
+def _row(name: str, after: np.ndarray, found: list[Smeared]) -> str:
+    nothing = np.array([each.nothing for each in found])
+    changed, worse = int((after != nothing).sum()), int((after > nothing + WORSE_PX).sum())
+    return f"| {name} | {changed} | {after.mean():.2f} | {worse} |"
 
 
 if __name__ == "__main__":

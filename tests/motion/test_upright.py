@@ -22,6 +22,8 @@ from unshutter.photo import Photo
 from unshutter.reasons import Cause, Code, Reason
 from unshutter.run.report import about
 from unshutter.single.estimator import View
+from unshutter.single.methods import find_candidates
+from unshutter.single.register import load
 
 HEIGHT, WIDTH, FOCAL = 300, 400, 1.3
 HELD = Pose(2.3, 6.0, FOCAL)
@@ -225,3 +227,11 @@ def test_python_refuses_it_with_a_motion_too() -> None:
         unshutter.rectify(np.zeros((HEIGHT, WIDTH), np.uint8), motion=MOVED, upright="level")
     with pytest.raises(UsageError, match="upright"):
         Rectify(undo=Undo(upright="level"), motion=Path("m.json")).settled()
+
+
+def test_a_photo_that_only_its_motion_makes_upright_shows_how_it_was_held() -> None:
+    """The sample leans so much that its lines are not those of buildings before its motion is undone."""
+    demo = Path(__file__).parents[2] / "examples" / "demo.jpg"
+    first = find_candidates(load(), View(Photo.open(demo)))[0].motion
+    assert first.held is not None and abs(first.held.roll_deg) < 2
+    assert first.held_at_rest is None

@@ -89,6 +89,12 @@ def test_the_way_of_the_camera_decides_between_directions(way: Moving, sign: int
     assert ways == ({float(sign)} if sign else {-1.0, 1.0})
 
 
+def test_a_photo_whose_lines_show_no_motion_the_stated_way_is_left_alone(view: View) -> None:
+    told = View(view.photo, Camera(moving="right"))
+    (still,) = candidates_of(posterior_of(PAN, 80), told, "me", PAN)
+    assert still.kind == "still" and still.motion.reason == Reason(Code.NO_VISIBLE_MOTION)
+
+
 def test_a_mean_that_looks_like_a_mode_is_not_listed_twice(view: View) -> None:
     assert [each.kind for each in candidates_of(two_modes(80, 0.97), anyway(view), "me", PAN)] == ["pan", "still"]
 

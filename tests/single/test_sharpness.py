@@ -13,7 +13,7 @@ from unshutter.readout_time import ReadoutTime
 from unshutter.single.estimator import Estimator
 from unshutter.single.methods import find_motion
 from unshutter.single.register import load
-from unshutter.single.sharpness import BANDS, SpeedLimit, speed_limit
+from unshutter.single.sharpness import BANDS, EdgeWidths, SpeedLimit, speed_limit
 
 KNOWN = ReadoutTime.of_ms(20, "given")
 
@@ -28,7 +28,7 @@ def stripes(blur_x: int = 1, blur_y: int = 1, size: int = 480) -> np.ndarray:
 
 
 def limit_of(pixels: np.ndarray, exposure_s: float = 0.01, readout: ReadoutTime = KNOWN) -> SpeedLimit:
-    limit = speed_limit(lambda: pixels, exposure_s, readout, merged=False)
+    limit = speed_limit(lambda: EdgeWidths.of(pixels), exposure_s, readout, merged=False)
     assert limit is not None
     return limit
 
@@ -72,7 +72,7 @@ def test_noise_does_not_make_a_photo_sharper() -> None:
 def test_what_has_no_exposure_or_no_edges_says_nothing() -> None:
     assert speed_limit(stripes, None, KNOWN, merged=False) is None
     grey = np.full((200, 200, 1), 128, np.uint8)
-    assert speed_limit(lambda: grey, 0.01, KNOWN, merged=False) is None
+    assert speed_limit(lambda: EdgeWidths.of(grey), 0.01, KNOWN, merged=False) is None
 
 
 def test_16_bits_and_grey_say_the_same() -> None:
@@ -82,10 +82,14 @@ def test_16_bits_and_grey_say_the_same() -> None:
 
 
 def test_edges_smeared_to_one_side_show_that_the_camera_moved() -> None:
-    assert limit_of(stripes(8)).smeared
-    assert not limit_of(stripes(8, 8)).smeared  # out of focus
-    assert not limit_of(stripes(1, 8)).smeared  # up or down
-    assert not limit_of(stripes(3)).smeared
+    def smeared(pixels: np.ndarray) -> float:
+        return EdgeWidths.of(pixels).smeared
+
+    assert smeared(stripes(8)) == smeared(stripes(3)) == 1
+    assert 0 < smeared(stripes(7, 5)) < 1  # a ratio of 1.4
+    assert smeared(stripes(8, 8)) == 0  # out of focus
+    assert smeared(stripes(1, 8)) == smeared(stripes(1)) == 0  # up or down, or not at all
+    assert smeared(np.full((64, 64, 3), 99, np.uint8)) == 0  # no edges
 
 
 def sheared(px: float) -> RowMotion:

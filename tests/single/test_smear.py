@@ -1,5 +1,7 @@
 """How fast the camera moved, by the smears that it left, on pictures blurred by a known motion."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -8,9 +10,10 @@ from unshutter.motion import RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.register import load
-from unshutter.single.sharpness import speed_limit
+from unshutter.single.sharpness import EdgeWidths, speed_limit
 from unshutter.single.smear import Smear, smear_of
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.row_motions import distorted
@@ -40,7 +43,7 @@ def moved(tx_px: float, bend_px: float = 0.0, grain: float = 25.0) -> tuple[RowM
 
 
 def smear_in(pixels: np.ndarray, readout: ReadoutTime = KNOWN) -> Smear | None:
-    limit = speed_limit(lambda: pixels, EXPOSURE_S, readout, merged=False)
+    limit = speed_limit(lambda: EdgeWidths.of(pixels), EXPOSURE_S, readout, merged=False)
     assert limit is not None
     return smear_of(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), 1.0, limit, 0.0)
 
@@ -94,7 +97,29 @@ def test_a_smeared_photo_is_moved_as_far_as_its_smears_say() -> None:
     first, second, still = method.candidates(told)
     zero = RowMotion.zero(motion.height, motion.width)
     assert motion_error(first.motion, motion).epe < 0.4 * motion_error(zero, motion).epe
-    assert first.probability > 0.9 > 0.1 > second.probability and still.motion.is_zero
+    assert first.probability > 0.8 > 0.2 > second.probability and still.motion.is_zero
+    assert first.probability + second.probability == pytest.approx(1)
     assert np.sign(first.motion.tx_px[-1]) == -np.sign(second.motion.tx_px[-1])
     unknown = method.candidates(View(photo, Camera(roll_deg=0, tilt_deg=0)))  # how long the readout took
     assert unknown[0].probability != first.probability
+
+
+def test_a_smeared_photo_is_left_alone_until_its_direction_is_likely_or_stated() -> None:
+    pixels = scene(grain=22)
+    height, width = pixels.shape[:2]
+    leaning = np.array(
+        [[1, -42 / height, 21], [0, 1, 0]]
+    )  # as much as the motion, the other way: verticals look upright
+    askew = cv2.warpAffine(pixels, leaning, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    motion = RowMotion.from_polynomials([0, 42], [0], height, width)
+    photo = Photo.from_array(distorted(askew, motion, height * EXPOSURE_S / READOUT_S), EXPOSURE_S)
+    method, camera = load("segment-manhattan"), Camera(readout_ms=1000 * READOUT_S)
+    still, first, second = method.candidates(View(photo, camera))
+    assert still.motion.is_zero and still.motion.reason == Reason(Code.WHICH_WAY)
+    assert first.probability < 0.8 and first.probability + second.probability == pytest.approx(1)
+    assert still.motion.confidence == first.probability
+    for way, sign in (("left", 1), ("right", -1)):
+        stated = method.candidates(View(photo, replace(camera, moving=way)))[0]
+        assert stated.probability > 0.95 and np.sign(stated.motion.tx_px[-1]) == sign
+    bold = method.candidates(View(photo, camera.for_least_confidence(0.3)))[0]
+    assert bold.motion.tx_px == pytest.approx(first.motion.tx_px)

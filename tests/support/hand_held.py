@@ -43,9 +43,9 @@ def shaking(hertz, deg_s=10.0, seconds=4.0):
 
 
 def camera(log, ratio=0.6, frames=45, **more):
-    """At 30 frames per second."""
-    size = {"height": HEIGHT, "width": WIDTH, "focal_px": FOCAL}
-    return TurningCamera(log, 0.05, frames, 30.0, ratio, **{**size, **more})
+    """At 30 frames per second, unless ``more`` says otherwise."""
+    usual = {"fps": 30.0, "height": HEIGHT, "width": WIDTH, "focal_px": FOCAL}
+    return TurningCamera(log, 0.05, frames, readout_ratio=ratio, **{**usual, **more})
 
 
 def clip(log, ratio=0.6, frames=45, noise=2.0, **more):

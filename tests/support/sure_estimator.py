@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from unshutter.motion import Motion, RowMotion
+from unshutter.reasons import Reason
 from unshutter.single import register
 from unshutter.single.estimator import Estimator, View
 
@@ -10,7 +11,7 @@ from unshutter.single.estimator import Estimator, View
 class Sure(Estimator):
     """Moves the last row by ``px`` to the right; declines where ``reason`` says why."""
 
-    def __init__(self, confidence: float | None, px: float = 9.0, reason: str = ""):
+    def __init__(self, confidence: float | None, px: float = 9.0, reason: str | Reason = ""):
         super().__init__(register.method("none"))
         self.confidence, self.px, self.reason = confidence, px, reason
 

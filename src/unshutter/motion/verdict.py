@@ -79,6 +79,7 @@ _CAUSES = {
     Code.FILM_STOOD_STILL: Cause.NO_MOTION,
     Code.UNSURE: Cause.UNSURE,
     Code.UNSURE_WHETHER_MOVED: Cause.UNSURE,
+    Code.WHICH_WAY: Cause.UNSURE,
     Code.TOO_SMALL: Cause.TOO_SMALL,
     Code.STRENGTH_0: Cause.STRENGTH_0,
 }

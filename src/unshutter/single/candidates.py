@@ -5,8 +5,8 @@ do is known from experience (prospects.py); the one with the largest expected be
 
 The smears of a photo give the speed of every row, except for its sign (smear.py), and show that the camera moved. Each
 mode of the posterior is then taken twice, with either sign as two further linear Gaussian observations; its mean,
-covariance and share follow in closed form. The evidence of right angles on the direction is tempered, as is their
-evidence on whether the camera moved; if they do not decide the direction, the smear is not used.
+covariance and share follow in closed form. The evidence of right angles on the direction is tempered. A motion along
+the wrong direction doubles the distortion, so the photo is left unchanged unless one of them is likely.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import cast
 import numpy as np
 
 from unshutter.motion.motion import Chance
-from unshutter.motion.verdict import Candidate, KindOfMotion, probability_better
+from unshutter.motion.verdict import LIKELY, Candidate, KindOfMotion
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prospects import MOVING, Option, Prospect, experience, prospect
@@ -26,14 +26,17 @@ from unshutter.single.search import Optima, Posterior, displacement, expected_er
 from unshutter.single.smear import Smear, smear_of
 
 _SIDE = 480  # px, short side of the copy in which smears are measured
-_TEMPER = 0.1  # exponent that tempers the evidence of right angles
-_SURE = 0.9  # least probability of the direction
 _LARGEST_ERROR = 0.6  # largest relative error of the readout time for which smears are used
 _ACROSS = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # derivative of t_x over the readout by the coefficients
+_TEMPER = 0.1  # exponent that tempers the evidence of right angles
+# measured on training photos (docs/research/own-model-folders.md):
+_MISLED = 0.16  # share of smeared photos whose direction right angles do not show, however sure they seem
+_STATED = 0.99  # probability that smears help along a direction that the user states
+_LEFT = 0.6  # error that remains, as a share of the expected one
 
 
 def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tuple[Candidate, ...] | None:
-    """Returns the motions of a smeared photo, the likelier direction first; None if there is no clear smear."""
+    """Returns the motions of a smeared photo, the one to undo first; None if there is no clear smear."""
     limit, time = view.speed_limit, view.readout_s()
     if limit is None or not time.typical_s or view.photo.is_merged():
         return None
@@ -42,24 +45,25 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     smear = smear_of(grey, view.height / grey.shape[0], limit, readout_error)
     if smear is None or readout_error > _LARGEST_ERROR:
         return None
-    sides = {sign: _Side.of(posterior, smear, sign) for sign in (-1, 1)}
-    total = np.logaddexp(sides[-1].log_weight, sides[1].log_weight)
-    shares = {sign: math.exp(side.log_weight - total) for sign, side in sides.items()}
-    first, second = sorted(sides, key=lambda sign: -shares[sign])
-    if shares[first] < _SURE:
-        return None
-    if limit.refutes(view.cubic_motion(sides[first].motion.reshape(2, 3), estimator)):
-        return None
+    sides = [_Side.of(posterior, smear, sign) for sign in (-1, 1)]
+    if view.heading:
+        sides = [max(sides, key=lambda side: view.heading * float(side.motion @ _ACROSS))]
+    total = np.logaddexp.reduce([side.log_weight for side in sides])
     kind = cast(KindOfMotion, max(posterior.kinds, key=posterior.kinds.__getitem__))
-
-    def candidate(sign: int, confidence: float | None) -> Candidate:
-        motion = view.cubic_motion(sides[sign].motion.reshape(2, 3), estimator, confidence)
-        error = sides[sign].error * view.height
-        return Candidate(kind, motion, shares[sign], error, view.photo.orientation)
-
-    still = Candidate("still", view.no_motion(estimator), 0.0, None, view.photo.orientation)
-    right = probability_better(displacement(sides[first].motion), sides[first].error)  # given the direction
-    return candidate(first, shares[first] * right), candidate(second, None), still
+    moving: list[Candidate] = []
+    prospects: list[Prospect] = []
+    for side in sorted(sides, key=lambda side: -side.log_weight):
+        share = math.exp(side.log_weight - total)
+        better = _STATED if view.heading else _MISLED / 2 + (1 - _MISLED) * share
+        mode = Mode(side.motion, side.error, share, kind)
+        prospects.append(Prospect(better, _LEFT * side.error, displacement(side.motion)))
+        moving.append(_candidate(mode, prospects[-1], posterior, view, estimator))
+    if limit.refutes(moving[0].motion):
+        return None
+    first, least = prospects[0], view.camera.least_confidence
+    if _is_undone(first, least) and (first.better >= LIKELY or least is not None):
+        return (*moving, _still(view, estimator, None, 1 - first.better))
+    return (_still(view, estimator, Reason(Code.WHICH_WAY), 1 - first.better), *moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +118,13 @@ def candidates_of(
     Args:
         opinion: [6] the network's estimate, if the posterior includes one.
     """
-    camera, limit = view.camera, view.speed_limit  # the same rule for single photos and folders
-    posterior = _heading(posterior, view.heading) if view.heading else posterior
+    camera = view.camera
+    if view.heading:
+        if not (view.heading * (posterior.optima.motions @ _ACROSS) > 0).any():  # none goes the way that was stated
+            return (_still(view, estimator, Reason(Code.NO_VISIBLE_MOTION), None),)
+        posterior = _heading(posterior, view.heading)
     roll_known = view.attitude_deg()[0] is not None
-    shift = MOVING if camera.moving or (limit is not None and limit.smeared) else camera.folder_log_odds
+    shift = MOVING if camera.moving else MOVING * view.edges.smeared + camera.folder_log_odds
     modes = modes_of(posterior)
     prospects = [prospect(posterior, mode, opinion, roll_known, shift) for mode in modes]
     weighed = [each.better if camera.at_any_odds else each.benefit for each in prospects]
@@ -126,7 +133,7 @@ def candidates_of(
     best = max(range(len(modes)), key=weighed.__getitem__, default=None)
     order = sorted(range(len(modes)), key=lambda k: (k != best, -prospects[k].better))
     moving = tuple(_candidate(modes[k], prospects[k], posterior, view, estimator) for k in order)
-    chance = _chance(prospects, shift, opinion is not None) if shift == camera.folder_log_odds else None
+    chance = None if camera.moving else _chance(prospects, camera.folder_log_odds, opinion is not None)
     at_rest = 1 - max((each.better for each in prospects), default=0.0)
     reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
     if reason is None and displacement(posterior.motion) > LARGEST:
@@ -142,13 +149,13 @@ def candidates_of(
     return (_with_chance(moving[0], chance), *moving[1:], _still(view, estimator, None, at_rest))
 
 
-def _chance(prospects: list[Prospect], shift: float, with_network: bool) -> Chance | None:
+def _chance(prospects: list[Prospect], folder_log_odds: float, with_network: bool) -> Chance | None:
     """Returns what the photo says about whether its camera moved, apart from its folder; None if nothing."""
     if not prospects:
         return None
     slope, constant = experience(with_network).moved
-    helps = max(each.log_odds for each in prospects) - shift
-    return Chance(slope * helps + constant, min(each.turning_point for each in prospects) + shift)
+    helps = max(each.log_odds for each in prospects) - folder_log_odds
+    return Chance(slope * helps + constant, min(each.turning_point for each in prospects) + folder_log_odds)
 
 
 def _with_chance(candidate: Candidate, chance: Chance | None) -> Candidate:
@@ -156,11 +163,9 @@ def _with_chance(candidate: Candidate, chance: Chance | None) -> Candidate:
 
 
 def _heading(posterior: Posterior, sign: int) -> Posterior:
-    """Returns the posterior given the sign of t_x over the readout; unchanged if no optimum has it."""
+    """Returns the posterior given the sign of t_x over the readout, which an optimum has."""
     optima = posterior.optima
     chosen = np.flatnonzero(sign * (optima.motions @ _ACROSS) > 0)
-    if not len(chosen):
-        return posterior
     share = optima.share[chosen] / optima.share[chosen].sum()
     left = Optima(optima.motions[chosen], optima.covariances[chosen], optima.kind[chosen], share)
     motion, covariance = mixture_moments(left.share, left.motions, left.covariances)
@@ -203,7 +208,7 @@ def _candidate(mode: Mode, found: Prospect, posterior: Posterior, view: View, es
 
 def _still(view: View, estimator: str, reason: Reason | None, probability: float | None) -> Candidate:
     stated = None if reason is None or probability is None else probability
-    if reason is not None and reason.code is Code.UNSURE:
+    if reason is not None and reason.code in (Code.UNSURE, Code.WHICH_WAY):
         stated = 1 - (probability or 0.0)  # of the motion that is not undone
     motion = replace(view.no_motion(estimator, reason), confidence=stated)
     return Candidate("still", motion, probability, None, view.photo.orientation)

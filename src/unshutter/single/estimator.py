@@ -20,7 +20,7 @@ from unshutter.photo.attitude import Attitude
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
-from unshutter.single.sharpness import SpeedLimit, speed_limit
+from unshutter.single.sharpness import EdgeWidths, SpeedLimit, speed_limit
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,19 @@ class View:
     def speed_limit(self) -> SpeedLimit | None:
         """The fastest motion that the photo's sharpness allows; None if it sets no limit.
 
-        Reads the photo at full size, once.
+        Raises:
+            UnshutterError: the photo is damaged or gone.
+        """
+        return speed_limit(lambda: self.edges, self.exposure_s(), self.readout_s(), self.photo.is_merged())
+
+    @cached_property
+    def edges(self) -> EdgeWidths:
+        """The widths of the photo's edges. Reads it at full size, once.
 
         Raises:
             UnshutterError: the photo is damaged or gone.
         """
-        return speed_limit(
-            lambda: self.readout.turn(self.photo.pixels), self.exposure_s(), self.readout_s(), self.photo.is_merged()
-        )
+        return EdgeWidths.of(self.readout.turn(self.photo.pixels))
 
     def noted(self, motion: Motion) -> Motion:
         """Returns the motion with what is known about the photo apart from its pixels."""

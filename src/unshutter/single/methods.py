@@ -108,18 +108,21 @@ def _with_poses(
 ) -> tuple[Candidate, ...]:
     """Returns the candidates with how the camera was held: at rest, and given the motion of each.
 
-    None where the lines are not those of buildings, and so do not show it.
+    None where the lines, seen like this, are not those of buildings, and so do not show it.
     """
-    if min(posterior.lines_gain, posterior.gain_at_rest) < LEAST_GAIN:
-        return candidates
     motions = np.array([np.zeros(6), *(view.cubic_of(each.motion) for each in candidates)])
     near = [posterior.pose if motion.any() else posterior.pose_at_rest for motion in motions]
     at_rest, *poses = (
         Pose(-math.degrees(roll), math.degrees(tilt), math.exp(log_focal), view.up)
         for roll, tilt, log_focal, _ in cameras_for(likelihood, motions, near).tolist()
     )
-    held = [replace(each.motion, held=pose, held_at_rest=at_rest) for each, pose in zip(candidates, poses, strict=True)]
-    return tuple(replace(each, motion=motion) for each, motion in zip(candidates, held, strict=True))
+    at_rest = at_rest if posterior.gain_at_rest >= LEAST_GAIN else None
+    held = []
+    for each, pose in zip(candidates, poses, strict=True):
+        moving = pose if posterior.lines_gain >= LEAST_GAIN else None
+        now = at_rest if each.motion.is_zero else moving
+        held.append(replace(each, motion=replace(each.motion, held=now, held_at_rest=at_rest)))
+    return tuple(held)
 
 
 class Manhattan(_RightAngles):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 HARM = 1.0  # a pixel lost counts as this many gained (docs/research/own-model-calibration.md shows other values)
 LOST = 0.83  # of a motion: what undoing it costs where it harms (median of the calibration)
-MOVING = math.log(4)  # added to the log odds if the camera is known to have moved: four photos in five then did
+MOVING = math.log(4)  # added to the log odds if the camera moved by its smears, or its user: then four in five do
 FAINT_PX = 0.1  # of 256 rows: added to errors before their logarithm is taken
 _MOST = 50.0  # log odds
 

@@ -1,8 +1,9 @@
-"""The limit that a photo's sharpness sets on the camera's speed.
+"""The widths of a photo's sharpest edges, and the limit that they set on the camera's speed.
 
 A scene that moves s px/s across the sensor smears every edge across its path by s times the exposure. The sharpest
 edges of a photo therefore bound the speed, whatever it shows: s <= width / exposure, and the motion over a whole
-readout is at most width * readout / exposure.
+readout is at most width * readout / exposure. And if edges along the rows are wider than those along the columns, the
+camera moved while each row was exposed, however long that was.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _OUTER = 0.25  # columns further than this from the centre [widths] reveal rotat
 _DOUBT = 1.5  # standard deviation of a speed, in speed limits
 _LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout: these keep its density finite
 _LEEWAY = 2.5  # multiple of the limit that refutes a motion: nine in ten blurred pictures are below (own-model.md)
-_SMEARED, _SMEARED_PX = 2.0, 4.0  # width relative to the others, and px: more than lens and focus cause
+_USUAL, _SMEARED = 1.25, 1.6  # ratios of widths: 1 in 20 photos that stood still is above the first, none the second
 _MERGED = 3.0  # factor on the speed: sharp parts of a merged photo may come from exposures shorter than EXIF's
 
 
@@ -47,9 +48,6 @@ class SpeedLimit:
     rz_rad: float  # change of r_z over a whole readout at the highest speed, over all rows [rad]
     exposure_s: float  # exposure time of each row [s]
     readout_s: float  # upper estimate of the readout time [s]
-    # whether edges across the rows are so much wider than those along them that the camera must have moved sideways
-    # while each row was exposed
-    smeared: bool = False
 
     @property
     def reason(self) -> Reason:
@@ -81,33 +79,55 @@ class SpeedLimit:
         return bool((fastest > np.stack(allowed[:2], axis=1)).any() or turned > allowed[2])
 
 
+@dataclass(frozen=True)
+class EdgeWidths:
+    """The widths of the sharpest edges; infinite where there are too few."""
+
+    along_rows: Float64[np.ndarray, "bands"]  # [BANDS] of steps along the rows [px]
+    along_columns: Float64[np.ndarray, "bands"]  # [BANDS] of steps along the columns [px]
+    turning_rad: float  # of steps along the outer columns, by their distance from the centre
+
+    @classmethod
+    def of(cls, pixels: np.ndarray) -> EdgeWidths:
+        """Measures pixels [H, W, bands] at full size in the readout frame, uint8 or uint16."""
+        rows, columns = (_Edges.of(_lines(each)) for each in (pixels, pixels.swapaxes(0, 1)))
+        height, width = pixels.shape[:2]
+        off_centre = np.abs((columns.line + 0.5) / _LINES - 0.5)
+        outer = off_centre > _OUTER
+        return cls(
+            _by_bands(rows.line * height / _LINES, rows.width, height),
+            _by_bands(columns.middle, columns.width, height),
+            _sharpest(columns.width[outer] / (off_centre[outer] * width)),
+        )
+
+    @property
+    def smeared(self) -> float:
+        """How clearly the camera moved along the rows while each was exposed, from 0 (not at all) to 1."""
+        across, along = (float(np.median(widths)) for widths in (self.along_rows, self.along_columns))
+        if not max(across, along) < math.inf:
+            return 0.0
+        return min(max(math.log(across / along / _USUAL) / math.log(_SMEARED / _USUAL), 0.0), 1.0)
+
+
 def speed_limit(
-    frame: Callable[[], np.ndarray], exposure_s: float | None, readout: ReadoutTime, merged: bool
+    edges: Callable[[], EdgeWidths], exposure_s: float | None, readout: ReadoutTime, merged: bool
 ) -> SpeedLimit | None:
     """Returns the limit that a photo's sharpness sets on the speed, or None if exposure or edges are unknown.
 
     Args:
-        frame: returns the pixels [H, W, bands] at full size in the readout frame, uint8 or uint16; not always called.
+        edges: returns the widths of the photo's edges; not always called.
     """
     if exposure_s is None:
         return None
     if readout.longest_s == 0:
         return SpeedLimit(np.zeros(BANDS), np.zeros(BANDS), 0.0, exposure_s, 0.0)
-    pixels = frame()
-    along_rows = _Edges.of(_lines(pixels))
-    along_columns = _Edges.of(_lines(pixels.swapaxes(0, 1)))
-    height, width = pixels.shape[:2]
+    found = edges()
+    if not np.isfinite([*found.along_rows, *found.along_columns, found.turning_rad]).any():
+        return None
     readout_s = math.sqrt(readout.typical_s * readout.longest_s)
     factor = readout_s / exposure_s * (_MERGED if merged else 1)
-    across = _by_bands(along_rows.line * height / _LINES, along_rows.width, height)
-    upright = _by_bands(along_columns.middle, along_columns.width, height)
-    off_centre = np.abs((along_columns.line + 0.5) / _LINES - 0.5)
-    outer = off_centre > _OUTER
-    turning = _sharpest(along_columns.width[outer] / (off_centre[outer] * width))
-    if not np.isfinite([*across, *upright, turning]).any():
-        return None
-    smeared = np.median(across) > max(_SMEARED * np.median(upright), _SMEARED_PX)
-    return SpeedLimit(across * factor, upright * factor, turning * factor, exposure_s, readout_s, bool(smeared))
+    tx_px, ty_px = factor * found.along_rows, factor * found.along_columns
+    return SpeedLimit(tx_px, ty_px, factor * found.turning_rad, exposure_s, readout_s)
 
 
 @dataclass(frozen=True)
