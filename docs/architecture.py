@@ -1,4 +1,4 @@
-"""Writes the tables of modules in architecture.md: ``python docs/architecture.py``.
+"""A hook of MkDocs (mkdocs.yml): lists all modules on the site's page "Architecture", where the page has ``MARK``.
 
 What each does is the first line of its docstring; rooms are in the order of the layers that pyproject.toml demands.
 """
@@ -13,26 +13,28 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = (ROOT / "src" / "unshutter", ROOT / "lab" / "src" / "unshutter_lab")
-PAGE = ROOT / "docs" / "architecture.md"
-BEGIN, END = "<!-- modules: docs/architecture.py writes them -->\n", "<!-- end of modules -->\n"
+MARK = "<!-- modules: the site lists them here, by docs/architecture.py -->"
 
 
-def page() -> str:
-    """The page as it should be: what is there, with a new table between the marks."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    tables = [line for package in PACKAGES for line in ("| module | what it does |", "|---|---|", *rows(package), "")]
-    return "\n".join([before + BEGIN, *tables, END + after])
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """The page, with the tables where it asks for them."""
+    return markdown.replace(MARK, tables()) if MARK in markdown else markdown
 
 
-def rows(package: Path) -> Iterator[str]:
+def tables() -> str:
+    """A table for each package."""
+    head = "| module | what it does |\n|---|---|\n"
+    return "\n\n".join(head + "\n".join(row(path, package) for path in modules(package)) for package in PACKAGES)
+
+
+def modules(package: Path) -> Iterator[Path]:
     """A package's face, then every file and folder of its top, from the highest layer to the lowest."""
-    yield row(package / "__init__.py", package)
+    yield package / "__init__.py"
     for name in layers(package.name):
         if (package / name).is_dir():
-            yield from room(package / name, package)
+            yield from room(package / name)
         else:
-            yield row(package / f"{name}.py", package)
+            yield package / f"{name}.py"
 
 
 def layers(package: str) -> list[str]:
@@ -43,24 +45,24 @@ def layers(package: str) -> list[str]:
     return [name for layer in contract["layers"] for name in re.findall(r"\w+", layer)]
 
 
-def room(folder: Path, package: Path) -> Iterator[str]:
+def room(folder: Path) -> Iterator[Path]:
     """A folder, its files, and then the folders in it."""
-    yield row(folder / "__init__.py", package)
+    yield folder / "__init__.py"
     for path in sorted(folder.glob("*.py")):
         if path.name != "__init__.py":
-            yield row(path, package)
+            yield path
     for inner in sorted(folder.glob("*/__init__.py")):
-        yield from room(inner.parent, package)
+        yield from room(inner.parent)
+
+
+def first_line(path: Path) -> str:
+    """The first line of a module's docstring; empty if it has none."""
+    return (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
 
 
 def row(path: Path, package: Path) -> str:
     """One module in the table; folders in bold."""
-    first_line = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-    said = re.sub(r"(?::\w+:)?`+([^`]+)`+", r"`\1`", first_line).removesuffix(".").replace("|", r"\|")
+    said = re.sub(r"(?::\w+:)?`+([^`]+)`+", r"`\1`", first_line(path)).removesuffix(".").replace("|", r"\|")
     if path.name == "__init__.py" and path.parent != package:
         return f"| **`{path.parent.relative_to(package).as_posix()}/`** | **{said}** |"
     return f"| `{path.relative_to(package).as_posix()}` | {said} |"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")

@@ -26,12 +26,13 @@ def page() -> str:
 
 
 def reference() -> Iterator[str]:
-    """The part of each command."""
+    """The part of each command. An option that an earlier command describes in the same words is only named."""
+    described: dict[str, str] = {}  # row -> command
     for name in (*COMMANDS, *LABORATORY):
-        yield "\n\n".join(section(name, command_named(name)))
+        yield "\n\n".join(section(name, command_named(name), described))
 
 
-def section(name: str, command: Command) -> Iterator[str]:
+def section(name: str, command: Command, described: dict[str, str]) -> Iterator[str]:
     """Heading, description, and a table for each group of options."""
     parser = argparse.ArgumentParser(add_help=False)
     add_arguments(parser, command.arguments)
@@ -41,7 +42,17 @@ def section(name: str, command: Command) -> Iterator[str]:
         if actions := group._group_actions:
             if group.title not in ("positional arguments", "options"):
                 yield f"**{group.title}**"
-            yield "| option | what it does |\n|---|---|\n" + "\n".join(map(row, actions))
+            rows = [row(action) for action in actions]
+            if new := [each for each in rows if each not in described]:
+                yield "| option | what it does |\n|---|---|\n" + "\n".join(new)
+            for other in dict.fromkeys(described[each] for each in rows if each in described):
+                known = [
+                    each[2 : each.rindex("`", 0, each.index(" | ")) + 1]
+                    for each in rows
+                    if described.get(each) == other
+                ]
+                yield f"As for [{other}](#unshutter-{other}): {', '.join(known)}."
+            described |= dict.fromkeys(new, name)
 
 
 def row(action: argparse.Action) -> str:
