@@ -112,8 +112,6 @@ class Code(StrEnum):
         "the motion changes too abruptly from frame to frame: fast shaking, or missing frames",
     )
     TOO_EVEN = "too-even", "the camera moved too evenly, or too little could be followed"
-    IMPRECISE = "imprecise", "{evidence} give {value:.2f} ± {error:.2f}"
-    NO_ANGLES_OR_MOTION = "no-angles-or-motion", "they show no right angles, or barely move from side to side"
     PARTS_DISAGREE = "parts-disagree", "parts of the clip disagree: {ratios}"
     NO_CLEAR_PART = "no-clear-part", "no {frames} frames in a row show one scene clearly"
 

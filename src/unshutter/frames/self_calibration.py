@@ -32,7 +32,6 @@ from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Float64, UInt8
-    from unshutter.photo import Photo
 
 
 _PART = 20  # pairs of frames per part
@@ -201,16 +200,14 @@ _CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 class GreyFrame:
     """A frame as used for estimating motion.
 
-    It holds the full size, a small grey copy, the photo if it may be examined closely, and the time since the
-    previous frame: ``after`` is in usual frame intervals, and so is ``at``, the time since the shot began. ``time_s``
-    is its time on the clip's clock [s], if there is one, and ``tracks`` are those from the previous frame.
+    It holds the full size, a small grey copy, and the time since the previous frame: ``after`` is in usual frame
+    intervals, and so is ``at``, the time since the shot began. ``time_s`` is its time on the clip's clock [s], if there
+    is one, and ``tracks`` are those from the previous frame.
     """
 
     height: int
     width: int
     grey: UInt8[np.ndarray, "rows columns"]
-    number: int = 0
-    photo: Photo | None = None
     after: float = 1.0
     at: float = 0.0
     time_s: float = 0.0
@@ -229,7 +226,6 @@ class Shot:
     times: list[float] = field(default_factory=list)
     clock_s: list[float] = field(default_factory=list)  # times of those frames on the clip's clock [s]
     waiting: list[GreyFrame] = field(default_factory=list)  # frames awaiting their motion
-    first: int = 0  # number of the frame at which ``pairs`` begin
     before: int = 0  # number of kept frames that are no longer waiting
     # why the readout ratio could not be estimated; None if it was, or was not attempted
     why_unknown: Reason | None = None
@@ -282,17 +278,11 @@ class Shot:
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
             self._passing.append(self._next.passing)
             frame.at = self._last.at + frame.after
-            frame.number = self._last.number + 1
             self._last.grey = frame.grey[:0]  # no longer needed
         self.times.append(frame.at)
         self.clock_s.append(frame.time_s)
         self.waiting.append(frame)
         self._last = frame
-
-    def pair_beside(self, frame: GreyFrame) -> Tracks:
-        """Returns the tracks from a frame to the next; for the last frame, those from the previous one."""
-        at = min(frame.number - self.first, len(self.pairs) - 1)
-        return self.pairs[at]
 
     def drop(self, many: int, margin: int) -> None:
         """Removes frames from the waiting list, keeping a few of them."""
@@ -301,5 +291,4 @@ class Shot:
         surplus = max(self.before - margin, 0)
         del self.pairs[:surplus], self._moving[:surplus], self._passing[:surplus]
         del self.times[:surplus], self.clock_s[:surplus]
-        self.first += surplus
         self.before -= surplus

@@ -1,19 +1,11 @@
-"""Estimates the motion of each frame of a sequence, given in the order in which the frames were taken.
-
-If the frames' motion does not reveal the readout ratio, right angles do: a scene that moves by v from frame to frame is
-sheared by ratio * v over a frame's height. Tracks between frames give v; right angles in each photo give the shear,
-though imprecisely: a camera tilted sideways by a degree looks much the same. The evidence of all photos for each ratio
-is therefore summed, with one error of the shear common to all: a line through the shears of frames that move
-differently. It is the only source of the ratio if the camera moves evenly.
-"""
+"""Estimates the motion of each frame of a sequence, given in the order in which the frames were taken."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +20,7 @@ from unshutter.frames.self_calibration import (
     ratio_from_motion,
     usual_focal,
 )
-from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE, Tracks
+from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE
 from unshutter.motion import Motion
 from unshutter.motion.lens import Lens
 from unshutter.options import Camera, Clock, Reference, Undo, check_focal
@@ -38,85 +30,6 @@ from unshutter.photo import Photo
 from unshutter.photo.photo import open_photo
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.single.estimator import View
-from unshutter.single.likelihood import ManhattanLikelihood, known_camera, segments_of, unusable
-from unshutter.single.search import evidence_of
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
-
-
-_RATIO_GRID = np.linspace(-0.4, 1.4, 19)  # ratios for which each photo's evidence is computed
-_RATIOS = np.linspace(0.01, 1.0, 100)
-_LEANS = np.linspace(-0.15, 0.15, 61)  # rows: shear errors common to all photos
-_ASKEW = np.radians(2.5)  # their standard deviation: video cameras are held less carefully than still cameras
-_COMMON_ANGLES = 4.0  # segments' errors are correlated: divisor of the evidence, as for single photos (candidates.py)
-_SLOWEST = 0.01  # rows per frame: slower frames are sheared by less than cameras are tilted
-_ANGLES_TOO_UNSURE = 0.1
-SURE_ENOUGH = 0.03  # error of a ratio that right angles could not reduce
-
-
-@dataclass(frozen=True)
-class PhotoSpeed:
-    """A photo of a sequence with the speed of its scene."""
-
-    view: View  # the photo
-    # [3] t_x and t_y [rows] and r_z [rad] per frame interval, from its neighbouring frames
-    speed: Float64[np.ndarray, "3"]
-
-
-def speed_of(pair: Tracks) -> Float64[np.ndarray, "3"]:
-    """Returns t_x and t_y [rows] and r_z [rad] per frame interval, from the tracks between two frames."""
-    x, y = ((pair.start + pair.end + 1) / 2 - [pair.width / 2, pair.height / 2]).T / pair.height
-    moved = (pair.end - pair.start) / pair.height
-    moved = moved / (1 + GUESSED_RATIO * moved[:, 1:])
-    one, none = np.ones_like(x), np.zeros_like(x)
-    columns, rows = np.stack([one, none, -y, x], axis=-1), np.stack([none, one, x, y], axis=-1)  # last: scale
-    return np.linalg.lstsq(np.concatenate([columns, rows]), moved.T.ravel(), rcond=None)[0][:3]
-
-
-def ratio_from_angles(photos: Sequence[PhotoSpeed]) -> ReadoutTime:
-    """Estimates the readout ratio of a sequence from the right angles in some of its photos."""
-    total = np.zeros((len(_RATIOS), len(_LEANS)))
-    count = 0
-    for photo in photos:
-        sideways = photo.speed[0]
-        likelihood = _likelihood(photo.view)
-        if likelihood is None or abs(sideways) < _SLOWEST:
-            continue
-        motions = _RATIO_GRID[:, None] * np.array([sideways, 0, 0, photo.speed[2], 0, 0])
-        evidence = evidence_of(likelihood, motions) / _COMMON_ANGLES
-        total += np.interp(_RATIOS[:, None] + _LEANS / sideways, _RATIO_GRID, evidence)
-        count += 1
-    if not count:
-        raise UnknownRatioError.because(Reason(Code.NO_ANGLES_OR_MOTION))
-    total -= 0.5 * (_LEANS / _ASKEW) ** 2
-    share = np.exp(total - total.max()).sum(axis=1)
-    share /= share.sum()
-    mean = float(share @ _RATIOS)
-    error = float(np.sqrt(share @ (_RATIOS - mean) ** 2))
-    if error > _ANGLES_TOO_UNSURE:
-        cause = Reason.of(Code.IMPRECISE, evidence="right angles", value=mean, error=error)
-        raise UnknownRatioError.because(cause)
-    return ReadoutTime(mean, error, "right angles")
-
-
-def combined(first: ReadoutTime, second: ReadoutTime) -> ReadoutTime:
-    """Combines two estimates of the ratio; if they disagree, the error grows accordingly."""
-    weights = np.array([first.error, second.error]) ** -2.0
-    value = float(weights @ [first.value, second.value] / weights.sum())
-    apart = abs(first.value - second.value) / np.hypot(first.error, second.error)
-    return ReadoutTime(value, float(max(1.0, apart) / np.sqrt(weights.sum())), f"{first.source} and {second.source}")
-
-
-def _likelihood(view: View) -> ManhattanLikelihood | None:
-    """Returns the likelihood of a photo's segments for any motion, or None if there are too few segments."""
-    segments, (height, width) = segments_of(view)
-    if unusable(segments, view.height, view.width):
-        return None
-    # no speed limit from the photo's sharpness: a prior on the motion would favour a ratio of 0
-    return ManhattanLikelihood(segments, height, width / height, known=replace(known_camera(view), speed=None))
-
 
 _CORE, _MARGIN = 24, 6  # frames of a window whose motion is kept, and extra frames on both sides for stability
 SEARCHED = 60  # frames from which the readout ratio is estimated
@@ -124,7 +37,6 @@ _PATIENCE = 240  # frames after which the search ends
 _STIFFNESS_EVERY = 4  # windows
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
-_LEAST_TRACKS = 12  # fewest for a speed
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
@@ -136,7 +48,6 @@ class CameraMotion:
     ratio: ReadoutTime | None = None  # readout time in frame intervals; None to estimate it from the frames
     focal_px: float | None = None  # focal length [px of the frames]; None to use EXIF's, or estimate it from the frames
     readout: Readout = Readout.TOP_TO_BOTTOM  # direction in which stored pixels were read
-    every_angle: int = 6  # right angles are evaluated in one of this many photos if motion does not reveal the ratio
     # number of frames whose motion is found together, and of extra frames on both sides for stability
     window: tuple[int, int] = (_CORE, _MARGIN)
     fewest: int = 2  # shots with fewer frames are left unchanged
@@ -147,7 +58,6 @@ class CameraMotion:
     # every so many tracks are kept out of the fit, to check it (:meth:`Tracks.split`); None: none are
     keep_out: int | None = None
     lens: Lens | None = None  # the lens, if it bends straight lines; it tells the focal length
-    _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
     _windows: int = field(default=0, init=False)
@@ -186,10 +96,8 @@ class CameraMotion:
         height, width = self.readout.frame_size(photo.height, photo.width)
         if self._focal is None and self.focal_px is None and (focal_px := photo.focal_px()):
             self._focal = focal_px * ROWS / height
-        for_angles = self.ratio is None and self._photos % self.every_angle == 0
-        self._photos += 1
         grey = np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE)))
-        return GreyFrame(height, width, grey, photo=photo if for_angles else None)
+        return GreyFrame(height, width, grey)
 
     def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
         """Yields the motions of a shot's frames that are ready."""
@@ -217,28 +125,11 @@ class CameraMotion:
         pairs = [pair for pair in shot.pairs if len(pair)]
         if not pairs or shot.still:
             return
-        by_motion = None
         try:
             focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], GUESSED_RATIO)
-            by_motion = ratio_from_motion(pairs, focal)
+            self.ratio = ratio_from_motion(pairs, focal)
         except UnknownRatioError as error:
             shot.why_unknown = error.reason
-        if by_motion is None or by_motion.error > SURE_ENOUGH:
-            by_motion = self._with_angles(shot, by_motion)
-        self.ratio = by_motion
-
-    def _with_angles(self, shot: Shot, by_motion: ReadoutTime | None) -> ReadoutTime | None:
-        """Combines the readout ratio from motion with that from right angles, as far as available."""
-        photos = [
-            PhotoSpeed(View(frame.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
-            for frame in shot.waiting
-            if frame.photo is not None and len(pair := shot.pair_beside(frame)) > _LEAST_TRACKS
-        ]
-        try:
-            by_angles = ratio_from_angles(photos)
-        except UnknownRatioError:
-            return by_motion
-        return combined(by_motion, by_angles) if by_motion else by_angles
 
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """Returns the motion around the next frames of a shot, or why there is none."""

@@ -382,7 +382,7 @@ def _by_neighbours(
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
     """Returns the camera's motion around one of a few frames."""
-    finder = CameraMotion(options.time, options.focal_px, options.readout, every_angle=1)
+    finder = CameraMotion(options.time, options.focal_px, options.readout)
     camera_motion = list(finder.frames(frame.photo for frame in frames))[number]
     if finder.ratio is None and not camera_motion.stood_still:
         raise _error_of(camera_motion)

@@ -288,10 +288,6 @@ class Prior:
             hessian[:, MOTION, MOTION] += H_motion
         return energy, gradient, hessian
 
-    def of_motions(self, motions: np.ndarray) -> np.ndarray:
-        """Returns the negative log density of the first kind, relative to that of no motion: [M, 6] -> [M]."""
-        return _student_t(motions, self._precision[0], self._freedom[0])[0]
-
 
 def two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [...], and P in dE/doff = P off."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -224,16 +223,6 @@ def cameras_for(
     expected = likelihood.prior.mean[LOG_FOCAL]
     cameras = [(pose.roll, pose.tilt, pose.log_focal + expected, pose.yaw) for pose in near]
     return descend(likelihood, np.concatenate([motions, cameras], axis=1), CAMERA)[0][:, CAMERA]
-
-
-def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray) -> Float64[np.ndarray, "motions"]:
-    """Returns the log evidence [nats] for each of the motions [M, 6], from a likelihood without a speed limit."""
-    begin = [_poses(likelihood, motion) for motion in motions]
-    _, energy, hessian = descend(likelihood, np.concatenate(begin), CAMERA)
-    evidence = -energy - 0.5 * np.linalg.slogdet(hessian[:, CAMERA, CAMERA])[1]
-    edges = np.cumsum([0, *(len(each) for each in begin)])
-    best = np.array([evidence[a:b].max() for a, b in pairwise(edges)])
-    return best + likelihood.prior.of_motions(motions)
 
 
 def descend(
