@@ -38,10 +38,14 @@ def section(name: str, command: Command, described: dict[str, str]) -> Iterator[
     add_arguments(parser, command.arguments)
     yield f"## unshutter {name}"
     yield command.description
+    groups: dict[str, list[argparse.Action]] = {}  # arguments and options without a group share a table
     for group in parser._action_groups:
-        if actions := group._group_actions:
-            if group.title not in ("positional arguments", "options"):
-                yield f"**{group.title}**"
+        title = "" if group.title in ("positional arguments", "options") else str(group.title)
+        groups.setdefault(title, []).extend(group._group_actions)
+    for title, actions in groups.items():
+        if actions:
+            if title:
+                yield f"**{title}**"
             rows = [row(action) for action in actions]
             if new := [each for each in rows if each not in described]:
                 yield "| option | what it does |\n|---|---|\n" + "\n".join(new)
@@ -59,7 +63,7 @@ def row(action: argparse.Action) -> str:
     """An argument: what is typed, and what it does."""
     value = "" if action.nargs == 0 else str(action.metavar or "")
     if action.choices:
-        value = " \\| ".join(map(str, action.choices))
+        value = ", ".join(map(str, action.choices))
     typed = ", ".join(f"`{flag}`" for flag in reversed(action.option_strings)) or f"`{value}`"
     shown = f"{typed} {value}" if action.option_strings and value else typed
     return f"| {shown} | {' '.join(str(action.help).replace('%%', '%').replace('|', chr(92) + '|').split())} |"

@@ -19,15 +19,13 @@ class CalibrateArguments:
     """Arguments of the command."""
 
     data: Path = positional(
-        "Folder with undistorted photos in val and train, photos that people took in ordinary, and NPZ files of "
-        "recorded motions in trajectories; if you like, also folders of frames in clips, each with the readout time in "
-        "frame intervals in readout_ratio.txt.",
+        "Folder with val, train, ordinary, trajectories and, if you like, clips "
+        "(docs/research/own-model-calibration.md).",
         "input",
     )
     output: Path = option(
         Path("calibration"),
-        "Folder for calibration.json and for what was measured. Resumes a run that was stopped there. Default: "
-        "calibration.",
+        "Folder for calibration.json and a report. Resumes a run that was stopped there. Default: calibration.",
         short="-o",
         names="results",
     )
@@ -68,8 +66,7 @@ class EvaluateArguments:
     protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")
     output: Path = option(
         Path("evaluation"),
-        "Folder for tables, figures of every picture, plots and contact sheets. Resumes a run that was stopped there. "
-        "Default: evaluation.",
+        "Folder for tables, plots and contact sheets. Resumes a run that was stopped there. Default: evaluation.",
         short="-o",
         names="results",
     )
@@ -142,7 +139,7 @@ class TrainArguments:
     config: str = option(
         "own-photos",
         "Name of a configuration that comes with unshutter (docs/research/training.md), or a TOML file. Default: "
-        "own-photos, which goes on from the shipped weights of kandula2020.",
+        "own-photos, which trains the shipped kandula2020 further.",
         names="input",
     )
     out: Path = option(
@@ -158,7 +155,7 @@ class TrainArguments:
     )
     base: str | None = option(
         None,
-        "Configuration (name or file) that supplies all settings missing from this one. Default: its own base.",
+        "Configuration (name or file) that supplies missing settings. Default: its own base.",
         names="input",
     )
     start: Path | None = option(

@@ -35,7 +35,7 @@ class RectifyPhotos:
     )
     masks: str | None = option(
         None,
-        "Also write a mask of the valid pixels of each result into this folder: NAME.EXT.png, as COLMAP expects.",
+        "Also write a mask of each result's valid pixels into this folder: NAME.EXT.png, as COLMAP expects.",
         metavar="FOLDER",
         names="results",
     )

@@ -28,7 +28,7 @@ class Shutter:
     """The camera of a clip, as far as the user knows it."""
 
     readout_ms: float | None = option(
-        None, "Readout time of a frame, if you know it. Default: from the clip or the table of cameras.", metavar="MS"
+        None, "Readout time of a frame in ms. Default: from the clip or the table of cameras.", metavar="MS"
     )
     readout_ratio: float | None = option(
         None, "Readout time as a share of the time between two frames, above 0 and at most 1."
@@ -104,8 +104,7 @@ class ClipUndo:
     edges: ClipEdges = option(
         "fill",
         "Pixels outside the original frame: fill them with a mirror image, keep them black, crop all frames "
-        "alike so that none are left, or, with --model dense, borrow them from the frames before and after. "
-        "Default: fill.",
+        "alike, or, with --model dense, borrow them from the frames before and after. Default: fill.",
     )
     model: FrameModel = option(
         "camera",
@@ -140,8 +139,8 @@ class Steadiness:
     )
     zoom_limit: float | None = option(
         None,
-        "Largest share of the width and height that --stabilize may cut off, in per cent; if that is not enough, it "
-        f"smooths less. Default: {_ZOOM_LIMIT:g}.",
+        "Most of the width and height that --stabilize may cut off, in per cent; if that is not enough, it smooths "
+        f"less. Default: {_ZOOM_LIMIT:g}.",
         metavar="PERCENT",
     )
     level: bool = option(
@@ -170,8 +169,8 @@ class Encode:
     )
     crf: float | None = option(
         None,
-        "Quality: lower looks better and makes larger files. Default: as many bits per second as the clip has; for "
-        "another codec than the clip's, 18 (libx264), 20 (libx265), 24 (libsvtav1).",
+        "Quality: lower looks better and makes larger files. Default: the clip's bits per second; for another codec, "
+        "18 (libx264), 20 (libx265), 24 (libsvtav1).",
     )
     preset: str | None = option(
         None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1).", names="word"
@@ -214,7 +213,7 @@ class RectifyClip:
     only_changed: bool = option(False, "Write nothing if no frame changes. Default: copy the clip.", page=False)
     overwrite: bool = option(False, "Replace existing output files, but never the clip itself.", page=False)
     json_log: Path | None = option(
-        None, "Append a record of the run to this file: one JSON object per line.", names="output", page=False
+        None, "Append a log of the run to this file, one JSON object per line.", names="output", page=False
     )
     max_pixels: int = option(
         MAX_CLIP_PIXELS, "Refuse clips with larger frames. Default: 38 000 000 pixels (8K).", page=False

@@ -41,31 +41,28 @@ class Camera:
     )
     focal_px: float | None = option(
         None,
-        "Focal length in px of the photo, for methods that use it. Default: from EXIF, otherwise 0.85 "
-        "(width + height).",
+        "Focal length in px, for methods that use it. Default: from EXIF, otherwise 0.85 (width + height).",
     )
     roll_deg: float | None = option(
         None,
-        "Camera roll in degrees, clockwise from upright, if you know it; for methods that use it.",
+        "Camera roll in degrees, clockwise from upright; for methods that use it.",
         limits=(-MOST_ROLL_DEG, MOST_ROLL_DEG),
     )
     tilt_deg: float | None = option(
         None,
-        "Camera tilt in degrees, if you know it: positive is up, -90 straight down.",
+        "Camera tilt in degrees: positive is up, -90 straight down.",
         limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
     )
-    exposure_s: float | None = option(
-        None, "Exposure time of the photo, in seconds. Default: from EXIF.", metavar="SECONDS"
-    )
+    exposure_s: float | None = option(None, "Exposure time in seconds. Default: from EXIF.", metavar="SECONDS")
     readout_ms: float | None = option(
         None,
-        "Readout time, from the first row to the last, in milliseconds. Default: the usual time for such a camera.",
+        "Readout time in ms, from the first row to the last. Default: the usual time for such a camera.",
         metavar="MS",
     )
     moving: Moving | None = option(
         None,
-        "The camera was on the move: in a train, on a car, on a drone. left, right, up or down: the way it went or "
-        "turned across the picture, if you know it; this decides between candidates.",
+        "The camera was on the move: in a train, on a car, on a drone. left, right, up or down: the direction in which "
+        "it went or turned; this decides between candidates.",
         bare="yes",
     )
     no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
@@ -160,23 +157,22 @@ class Undo:
     )
     edges: Edges = option(
         "auto",
-        "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them away, "
-        "or fill them with a mirror image of the photo. auto crops if at least 80 % of the photo is left; "
-        "otherwise it keeps them, as it does where coordinates refer to the whole photo: with masks, saved motions and "
-        "sequences. borrow takes them from the neighbouring frames. Default: auto.",
+        "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them, fill them "
+        "with a mirror image of the photo, or borrow them from neighbouring frames. auto crops if at least 80 % of the "
+        "photo is left; otherwise, and with masks, saved motions and sequences, it keeps them. Default: auto.",
     )
     min_confidence: float | None = option(
         None,
         "Minimum probability that the result is better than the photo, 0 to 1; below it, the photo is left unchanged. "
-        "0 undoes the likeliest motion, however unsure. A motion that you supply is undone whatever its confidence. "
-        "Default: the gain that can be expected must outweigh the harm, which takes 0.5 to 0.6.",
+        "0 undoes the likeliest motion, however unsure. A motion that you supply is always undone. "
+        "Default: the expected gain must outweigh the harm, which takes 0.5 to 0.6.",
         limits=(0, 1),
     )
     upright: Upright | None = option(
         None,
         "Also turn the photo upright, whether or not the camera moved. level: undo its roll. full: undo its tilt, too, "
         "which makes verticals parallel. Rolls above 8 degrees and tilts above 25 are left, unless you state them with "
-        "--roll-deg and --tilt-deg. Default: leave the photo as the camera was held.",
+        "--roll-deg and --tilt-deg.",
     )
 
     def __post_init__(self) -> None:
@@ -228,7 +224,7 @@ class Save:
     )
     keep_times: bool = option(False, "Give each result the access and modification times of its photo.", page=False)
     only_changed: bool = option(
-        False, "Write only photos that change. Default: into a folder, copy the others, too.", page=False
+        False, "Write only photos that change. Default: copy the others into the folder, too.", page=False
     )
     keep_names: bool = option(
         False, "Keep the photos' file names for the results, in the folder set by --output.", page=False
@@ -308,21 +304,19 @@ def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameMo
 class Neighbours:
     """Frames taken just before and after the photo."""
 
-    before: Path | None = option(
-        None, "Frame taken by the same camera just before the photo. It shows what moved.", names="input"
-    )
+    before: Path | None = option(None, "Frame taken by the same camera just before the photo.", names="input")
     after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.", names="input")
     sequence: bool = option(
         False,
-        "The photos are frames from one camera at even intervals, in the order given (in folders: by name). "
-        "Their motions are found from one another, and so is the readout ratio unless you give it.",
+        "The photos are frames from one camera at even intervals, in the order given (in folders: by name). Their "
+        "motions and, unless you give it, the readout ratio are found from one another.",
         page=False,
     )
     clock: Clock = field(default_factory=Clock)  # timing of the frames
     at: float | None = option(
         None,
-        "Moment that the result shows, instead of that of a reference row. In frame intervals, "
-        "counted from the photo's first row: with --after, 0.5 is halfway to the next frame.",
+        "Moment that the result shows, instead of that of a reference row, in frame intervals from the photo's first "
+        "row: with --after, 0.5 is halfway to the next frame.",
     )
     model: FrameModel | None = option(
         None,
@@ -331,8 +325,8 @@ class Neighbours:
     )
     each_alone: bool = option(
         False,
-        "Judge each photo by itself. Default: the photos of a folder, by camera and hour, say together how many of "
-        "them moved, and those of a burst show one another's motion.",
+        "Judge each photo by itself. Default: photos of one folder, camera and hour together show how many of them "
+        "moved, and those of a burst show one another's motion.",
         page=False,
     )
     fallback: bool = option(

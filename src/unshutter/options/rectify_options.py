@@ -99,20 +99,20 @@ class Run:
     )
     manifest: str | None = option(
         None,
-        "Keep the list of finished results (unshutter-manifest.jsonl) in this folder. Default: next to the results.",
+        "Folder for the list of finished results (unshutter-manifest.jsonl). Default: that of the results.",
         metavar="FOLDER",
         names="results",
     )
     preview: Path | None = option(
         None,
-        "Also write this picture: before and after, side by side; for a folder, a contact sheet of all its photos.",
+        "Also write before and after, side by side; for a folder, a contact sheet of all its photos.",
         metavar="FILE",
         names="output",
     )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(
         None,
-        "Give up on a photo that takes longer, and go on with the next. Default: 1800 with --jobs, else none.",
+        "Give up on a photo that takes longer. Default: 1800 with --jobs, else none.",
         metavar="SECONDS",
     )
 
@@ -136,19 +136,17 @@ class Estimate:
     photos: list[Path] = positional("Photos, or folders of photos, including the folders below.", "input")
     output: Path | None = option(
         None,
-        "JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).",
+        "JSON file (one photo) or folder (several). Default: standard output (one photo).",
         short="-o",
         names="results",
     )
     reference: Reference = option("first", "Row that the motion is measured from. Default: first.")
     candidates: bool = option(
         False,
-        "List all motions that fit each photo, with kind, probability and expected error, instead of only the "
-        "likeliest. rectify --candidate N undoes one of them.",
+        "List all motions that fit each photo, with kind, probability and expected error. rectify --candidate N undoes "
+        "one of them.",
     )
-    json: bool = option(
-        False, "With --candidates, also print them as JSON, with their motions, if there is no --output for them."
-    )
+    json: bool = option(False, "With --candidates and without --output, also print them as JSON, with their motions.")
     plot: Path | None = option(
         None,
         "Also draw the motion of one photo into this PNG file (needs the extra `plot`).",
