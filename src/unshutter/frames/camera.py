@@ -23,17 +23,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Bool, Float64
-
+from unshutter.motion.shapes import Bool, Float64
 
 DEGREES = 3.0  # degrees of freedom of Student's t, the model of the tracks' errors
 _FINEST = 0.02  # px; lower limit of the tracks' noise

@@ -21,16 +21,13 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
 
 from unshutter.frames.frame_motion import Timing
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Float32, Float64, UInt8
-
+from unshutter.motion.shapes import Float, Float32, Float64, UInt8
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
 _DESCENTS, _REFINEMENTS = 25, 5

@@ -8,7 +8,7 @@ first.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -18,13 +18,10 @@ from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.lens import Lens
+from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio
 from unshutter.orientation import Readout
 from unshutter.reasons import Code, Reason
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
-
 
 SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}
 

@@ -19,17 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 
 from unshutter.frames.camera import ROWS, Fit, turn_jacobian
 from unshutter.frames.tracks import follow
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64, UInt8
-
+from unshutter.motion.shapes import Float64, UInt8
 
 _FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes with little texture
 _RATIO = 0.75  # Lowe's ratio test: distance of the best match over that of the second best

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,12 +26,9 @@ from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
+from unshutter.motion.shapes import Float64, UInt8
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64, UInt8
-
 
 _PART = 20  # pairs of frames per part
 _MOST_TRACKS = 100  # per pair: more only take longer

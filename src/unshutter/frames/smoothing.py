@@ -16,13 +16,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Float64
-
+from unshutter.motion.shapes import Float, Float64
 
 ORDER = 4  # number of B-splines that are non-zero at any time
 

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.motion.lens import Lens
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Bool, Float64, UInt8
-
+from unshutter.motion.shapes import Bool, Float64, UInt8
 
 TRACKED_SIDE = 360  # px, short side of the copies in which corners are tracked
 _MOST_CORNERS = 200

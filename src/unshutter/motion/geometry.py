@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -24,11 +24,8 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import motion_file
 from unshutter.motion.motion import BEYOND, Motion, interpolated, matching_rows, row_index, slope
 from unshutter.motion.motion_file import numbers
+from unshutter.motion.shapes import Float, Float64, Numbers, Real
 from unshutter.options import Reference, check_strength
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Float64, Numbers, Real
-
 
 Array = Any
 # (row) -> (t_x, r_z, d r_z / d row), each with the shape of row

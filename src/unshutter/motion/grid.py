@@ -13,18 +13,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from unshutter.errors import CropTooSmallError
 from unshutter.motion import Motion
+from unshutter.motion.shapes import Bool, Float, Float32, Real
 from unshutter.motion.upright import Pose
 from unshutter.options import Edges
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Bool, Float, Float32, Real
-
 
 # (col, row) of output pixels -> (col, row) of the input positions they show
 PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]

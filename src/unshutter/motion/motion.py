@@ -9,23 +9,20 @@ from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from unshutter import errors
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.motion import motion_file
+from unshutter.motion.shapes import Float, Float64, Numbers
 from unshutter.motion.upright import Pose
 from unshutter.options import Reference
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
 from unshutter.storage.files import check_motion_name, read_text, written_whole
 from unshutter.version import __version__
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Float64, Numbers
-
 
 BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
 

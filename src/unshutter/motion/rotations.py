@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -30,11 +30,8 @@ from unshutter.motion.geometry import Array, constant, namespace, take
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion import BEYOND, Motion, matching_rows, positions, row_index, slope
 from unshutter.motion.motion_file import numbers
+from unshutter.motion.shapes import Float, Float64, Numbers
 from unshutter.options import Reference, check_strength
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Float64, Numbers
-
 
 # (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape as row
 RowRotation = Callable[[Array], tuple[Array, Array]]

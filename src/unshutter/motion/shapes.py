@@ -1,20 +1,18 @@
 """Annotation types that state an array's data type and shape: jaxtyping's, checked in the tests.
 
-    if TYPE_CHECKING:
-        from unshutter.motion.shapes import Float
-
     def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]: ...
 
 A dimension is a number, or a name that stands for the same number wherever it appears in one signature; ``*at`` is any
 number of dimensions, ``#`` before a name allows broadcasting, ``_`` and ``...`` match anything, and ``{...}`` is
-computed from the arguments. Nothing imports this module at run time, so the package does not need jaxtyping.
+computed from the arguments. The package does not need jaxtyping: the tests import it before anything else.
 """
 
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
+if TYPE_CHECKING or not sys.modules.get("jaxtyping"):
     from typing import Annotated as Bool
     from typing import Annotated as Float
     from typing import Annotated as Float32

@@ -9,17 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.motion.shapes import Float64, Numbers
 from unshutter.options import Upright
 from unshutter.reasons import Code, Reason
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64, Numbers
-
 
 _MOST_ROLL_DEG, _MOST_TILT_DEG = 8.0, 25.0  # more is meant, or a mistake: undone only if the user states it
 _STRAIGHT = 89.0  # degrees from the horizon, from which nothing is upright

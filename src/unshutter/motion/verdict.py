@@ -7,19 +7,17 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.motion import Motion
+from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
 from unshutter.orientation import scene_up
 from unshutter.reasons import Cause, Code, MotionSource, Reason, pixels
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
 
 
 @dataclass(frozen=True, eq=False)

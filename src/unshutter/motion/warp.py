@@ -15,7 +15,7 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -32,13 +32,10 @@ from unshutter.motion.grid import (
     gs_to_rs_map,
     rs_to_gs_map,
 )
+from unshutter.motion.shapes import Bool, UInt
 from unshutter.motion.upright import Pose
 from unshutter.options import Edges, check_edges
 from unshutter.storage.files import new_array
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Bool, UInt
-
 
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position

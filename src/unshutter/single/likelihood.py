@@ -24,11 +24,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
+from unshutter.motion.shapes import Float, UInt8
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prior import (
@@ -44,10 +44,6 @@ from unshutter.single.prior import (
     Prior,
     SecondOpinion,
 )
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, UInt8
-
 
 _DEGREES = np.arange(1, 4)
 Vector = tuple[np.ndarray, ...]  # its components

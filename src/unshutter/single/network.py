@@ -14,17 +14,14 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from unshutter import errors
 from unshutter.errors import WeightsError
 from unshutter.motion import geometry
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float
-
+from unshutter.motion.shapes import Float
 
 Array = Any
 Weights = dict[str, np.ndarray]

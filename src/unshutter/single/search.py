@@ -8,16 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unshutter.motion.shapes import Float64
 from unshutter.single.likelihood import ManhattanLikelihood
 from unshutter.single.prior import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
-
 
 PX = 256.0  # rows of the reference picture for displacements and calibration
 

@@ -11,12 +11,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from unshutter.frames.camera import ROWS, track_jacobian
 from unshutter.frames.tracks import TRACKED_SIDE
+from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
 from unshutter.progress import counted
 from unshutter.readout_time import ReadoutTime
@@ -25,9 +26,6 @@ from unshutter.video.clip import Clip, ClipRequest, followed
 from unshutter.video.gpmf import DamagedLogError
 from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
 
 _PARTS, _PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
 _FEWEST = 15  # pairs of frames with usable tracks

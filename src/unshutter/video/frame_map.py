@@ -13,7 +13,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -23,11 +22,8 @@ from unshutter.motion import Motion
 from unshutter.motion.grid import gs_to_rs_map
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotate_position, rotation_matrix
+from unshutter.motion.shapes import Bool, Float32, Float64, UInt
 from unshutter.orientation import Readout
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Bool, Float32, Float64, UInt
-
 
 _PLACES = 9  # positions along each side at which the frame's border is stored
 _POINTS = 5  # points on each side of a view that are checked, corners included

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from unshutter.frames.frame_motion import AT_REST, FrameMotion
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion
+from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import ClipUndo
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutTime
@@ -26,9 +26,6 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest, ahead
 from unshutter.video.frame_warper import camera_motion, grey_copies, small_motion
 from unshutter.video.gyro_fit import GyroTurns
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
 
 _KEPT_OUT = 4  # every fourth track
 _RUNS, _RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
@@ -102,11 +99,16 @@ class Gain:
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
         self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
-        unit = TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
-        usual = [np.sort(each)[: max(1, int(0.9 * len(each)))].mean() for each in (left, after)]
-        self.wobble_px.append((unit * usual[0] ** 0.5, unit * usual[1] ** 0.5))
+        self.wobble_px.append((wobble(tracks, focal), wobble(undone, focal)))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
         self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+
+
+def wobble(tracks: Tracks, focal_px: float) -> float:
+    """Returns what the camera's rotation and a change of scale leave: RMS of 90 % of the tracks [px of 1080 rows]."""
+    squares = np.sort(np.square(_left(tracks, focal_px)).sum(axis=1))
+    usual = float(squares[: max(1, int(0.9 * len(squares)))].mean()) ** 0.5
+    return usual * TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
 
 
 def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,11 +25,8 @@ from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
+from unshutter.motion.shapes import Float64
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
-
 
 _HALF = ROWS / 2
 _ROUNDS = 20

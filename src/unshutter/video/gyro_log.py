@@ -15,20 +15,16 @@ from importlib import import_module
 from importlib.util import find_spec
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.rotations import rotation_matrix
+from unshutter.motion.shapes import Float64
 from unshutter.readout_time import ReadoutTime
 from unshutter.storage.files import check_plain
 from unshutter.video import gpmf
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
-
 
 _GAP = 3.0  # multiple of the usual interval: in a longer one samples are missing
 _MOST_DISORDER = 0.01  # maximum share of samples out of order

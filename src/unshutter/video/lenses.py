@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,12 +27,10 @@ from unshutter.frames.camera import DEGREES, ROWS, padded_ends, student_weights,
 from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.lens import Lens
+from unshutter.motion.shapes import Float64, UInt8
 from unshutter.storage.files import read_text
 from unshutter.video import cameras
 from unshutter.video.clip import ClipRequest, followed
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64, UInt8
 
 
 def lens_of_clip(request: ClipRequest) -> Lens | None:

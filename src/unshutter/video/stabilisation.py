@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,16 +22,13 @@ from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion import row_index
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
+from unshutter.motion.shapes import Float32, Float64
 from unshutter.options.clip_options import ClipUndo, Steadiness
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
 from unshutter.video.frame_map import SteadyView, borders_of, margins, zoom_needed
 from unshutter.video.frame_warper import ROWS
 from unshutter.video.gain import TALL, is_visible
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float32, Float64
-
 
 _ROWS = 256  # rotations are weighted in px of a picture with this many rows
 _ROUNDS = 3  # of linearisation

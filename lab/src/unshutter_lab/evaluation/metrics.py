@@ -6,15 +6,11 @@ docs/reference/conventions.md defines each.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.motion import Motion, RowMotion
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Bool, UInt8
-
+from unshutter.motion.shapes import Bool, UInt8
 
 UNIT_ROWS = 256  # errors are in px of a picture with this many rows
 

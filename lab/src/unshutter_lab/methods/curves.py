@@ -7,17 +7,13 @@ itself, because a segment is a chord that hides the bend. Positions are (col, ro
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from unshutter.motion.rotations import rotate_position, rotation_matrix
+from unshutter.motion.shapes import Float, Numbers, UInt8
 from unshutter.single.likelihood import find_segments
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Numbers, UInt8
-
 
 Residuals = Callable[[np.ndarray], np.ndarray]
 # residuals -> (cost of each, weight of each: derivative of the cost with respect to the squared residual)

@@ -6,7 +6,7 @@ import base64
 import zlib
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -14,11 +14,8 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RowMotion, geometry, motion_file
 from unshutter.motion.geometry import Array, namespace
 from unshutter.motion.motion import positions, row_index
+from unshutter.motion.shapes import Float, Float64, Numbers, Real
 from unshutter.options import Reference
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float, Float64, Numbers, Real
-
 
 _MOST_CELLS_A_SIDE = 4096  # a network's row map has 256
 _SMALLEST_AREA_PX = 1e-3  # a side

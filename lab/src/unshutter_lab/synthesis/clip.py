@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -27,15 +27,12 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.pyav import av
 from unshutter.motion import RotationMotion
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
+from unshutter.motion.shapes import Float64, UInt8
 from unshutter.photo import Photo
 from unshutter.progress import Progress
 from unshutter_lab.synthesis.options import Synthesize, SynthesizeClip
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera, seen
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64, UInt8
-
 
 _SOUND = 48_000  # samples per second
 _TONE = 440  # Hz

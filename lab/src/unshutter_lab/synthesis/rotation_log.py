@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -17,11 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion.rotations import rotation_matrix
+from unshutter.motion.shapes import Float64
 from unshutter.storage.files import check_plain
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64
-
 
 _GAP = 3.0  # times the usual interval: in longer ones samples are missing
 _MOST_DISORDER = 0.01  # tolerated share of late samples

@@ -15,18 +15,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.shapes import Float
 from unshutter.motion.warp import distort_pixels
 from unshutter_lab.synthesis.rotation_log import RotationLog
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float
-
 
 _PREDECESSORS_ROWS = 256  # number of rows for which the predecessor's generator states its pixel ranges
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,9 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_vector
+from unshutter.motion.shapes import Float64, UInt8
 from unshutter.options import Reference
 from unshutter_lab.synthesis.rotation_log import RotationLog
-
-if TYPE_CHECKING:
-    from unshutter.motion.shapes import Float64, UInt8
-
 
 _FARTHEST = np.radians(50)  # from the centre of the photo's plane; beyond this, too little of it is in a frame
 
