@@ -67,8 +67,10 @@ def measure(estimators: list[str], megapixels: list[float], rounds: int) -> dict
     return found
 
 
-def spread(values: list[float]) -> str:
-    return f"{statistics.median(values):.3f} ({min(values):.3f} … {max(values):.3f}) s"
+def deviation(values: list[float]) -> float:
+    """By which share of the median the farthest value differs from it."""
+    middle = statistics.median(values)
+    return max(max(values) - middle, middle - min(values)) / middle
 
 
 def main() -> None:
@@ -86,13 +88,16 @@ def main() -> None:
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
     ).stdout.strip()
-    print(f"Commit {commit}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, ")
-    print(f"{given.rounds} rounds after a warm-up: median (least … most)\n")
-    print("| photo | estimator | estimate alone | process for one photo | peak memory |\n|---|---|---|---|---|")
-    for size in sizes:
-        for name in names:
-            one, whole, memory = zip(*found[name, size], strict=True)
-            print(f"| {size:g} MP | {name} | {spread(one)} | {spread(whole)} | {statistics.median(memory):.0f} MB |")
+    farthest = max(deviation([whole for _, whole, _ in runs]) for runs in found.values())
+    print(f"Commit {commit}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}.")
+    print(f"Photos of {' / '.join(f'{size:g}' for size in sizes)} MP. Medians of {given.rounds} rounds after a")
+    print(f"warm-up, from which no process differs by more than {farthest:.0%}.\n")
+    print("| estimator | estimate alone [s] | process for one photo [s] | peak memory [MB] |\n|---|---|---|---|")
+    for name in names:
+        medians = [[statistics.median(each) for each in zip(*found[name, size], strict=True)] for size in sizes]
+        columns = zip(zip(*medians, strict=True), ("{:.3f}", "{:.3f}", "{:.0f}"), strict=True)
+        cells = [" / ".join(form.format(value) for value in values) for values, form in columns]
+        print(f"| {name} | {' | '.join(cells)} |")
     if given.output:
         flat = [{"estimator": name, "megapixels": size, "runs": runs} for (name, size), runs in found.items()]
         given.output.write_text(json.dumps({"commit": commit, "results": flat}, indent=1))

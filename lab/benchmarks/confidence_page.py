@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from unshutter_lab.evaluation.plots import looks_of
-from unshutter_lab.evaluation.reliability import ENOUGH, LEFT, Bin, Judged, draw_reliability, mean_gap, widest
+from unshutter_lab.evaluation.reliability import ENOUGH, Bin, Judged, draw_reliability, mean_gap, widest
 from unshutter_lab.evaluation.results import Results
 from unshutter_lab.evaluation.tables import Table, as_csv
 
@@ -27,13 +27,12 @@ _Groups = dict[str, dict[str, Judged]]  # folder, and ALL -> estimator with a co
 
 CAPTION = (
     "Reliability diagram: the share of pictures whose answer is right against the confidence stated, in "
-    "ten bins. The area of a dot is the number of pictures, the line through it holds 95 %. On the grey line, "
-    "confidences say what they mean."
+    "ten bins. The area of a dot is the number of pictures, the line through it the 95 % interval. Above the grey line "
+    "more answers are right than stated, below it fewer."
 )
 READING = (
-    "Above the grey line more answers are right than promised, below it fewer. A confidence is meant for photos with "
-    "and without motion: judge it by the panel *half and half*. The intervals are a little too narrow, since each "
-    "photo appears with several motions. Declined pictures have no confidence and are not included."
+    "A confidence is meant for photos with and without motion: judge it by the panel *half and half*. The intervals "
+    "are a little too narrow, since each photo appears with several motions."
 )
 
 
@@ -52,7 +51,7 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
         return False
     draw_reliability({kind: groups[ALL] for kind, groups in kinds.items()}, looks_of(runs["synthetic"]), docs / PLOT)
     parts = ["# Confidence", _about(list(distorted[ALL]))]
-    parts += ["## Stated and true shares", f"![{CAPTION}]({PLOT})\n\n*{CAPTION}*", READING]
+    parts += ["## Stated and true shares", f"![Plot]({PLOT})\n\n*{CAPTION}*", READING]
     gaps = [_gaps(kind, groups) for kind, groups in kinds.items()]
     drops = [_drops(kind, groups) for kind, groups in kinds.items()]
     (docs / CSV).write_text(as_csv([*gaps, *drops]))
@@ -89,24 +88,16 @@ def _pooled(distorted: _Groups, undistorted: _Groups) -> _Groups:
 def _about(names: list[str]) -> str:
     listed = ", ".join(f"`{name}`" for name in names)
     return (
-        f"Some methods ({listed}) state a confidence with each motion: the probability that the result is closer to "
-        "the truth than the photo is (by the mean displacement that remains, EPE). For a photo that is left unchanged, "
-        "it is the probability that no candidate would be closer. This page compares it with "
-        f"the errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
-        "[undistorted](undistorted.md), and on both together. Together, each kind counts as a half, as in an archive "
-        "of which only some photos are distorted.\n\n"
-        "A declined photo is left unchanged and has no confidence. It counts as the least trusted, since the method "
-        "says that it does not know. Where photos with equal confidence lie on the border of what is dropped, each is "
-        "dropped in part, so the order of the files does not matter."
+        f"Some methods ({listed}) state a [confidence](../reference/glossary.md) with each motion. This page compares "
+        f"it with the errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
+        "[undistorted](undistorted.md), and on both together, where each kind counts as a half."
     )
 
 
 def _gap_words() -> str:
     return (
-        "*Right* is the share of pictures for which that is true, to be compared with the mean confidence. "
-        "*Mean gap* is the mean difference between the two shares over all pictures (expected calibration error), "
-        f"*largest gap* that of the worst bin with at least {ENOUGH} pictures. Bold: the aim, at most {AIM_GAP:g}, is "
-        "reached."
+        "[What the columns mean](../reference/conventions.md#what-is-measured); the *largest gap* is that of the worst "
+        f"bin with at least {ENOUGH} pictures. Bold: the aim, at most {AIM_GAP:g}, is reached."
     )
 
 
@@ -152,8 +143,8 @@ def _of_kinds(methods: dict[str, Judged]) -> list[str]:
     if not rows:
         return []
     words = (
-        "The likeliest kind of motion is the answer's own: a photo says what it seems to show, not what moved it. "
-        f"Pictures that are not moved are *{LEFT}*. Bold: the aim, at most {AIM_KIND:g}, is reached."
+        "The kind of motion is that which the answer states, not that which moved the picture. "
+        f"Bold: the aim, at most {AIM_KIND:g}, is reached."
     )
     table = Table("", ["estimator", "kind", "pictures", "mean confidence", "right", "gap"], rows)
     return [f"### By kind of motion, half and half, {ALL} photos", words, table.markdown]
@@ -178,10 +169,8 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
             said.append(f"{kind.lower()} {' to '.join(ends)} %")
     return (
         "*Drop* is by how much the mean EPE falls, *perfect order* by how much it would fall without the pictures with "
-        f"the largest true errors. No confidence can do better than that: {', '.join(said)}.\n\n"
-        "*Answered only* is the drop without declined photos: what the confidence does by itself. "
-        "*All* pools the folders, so telling a hard folder from an easy one counts as well. "
-        f"Bold: the aim, {AIM * 100:.0f} %, is reached."
+        f"the largest true errors (by folder: {', '.join(said)}). Declined photos count as the least trusted; "
+        f"*answered only* is the drop without them. Bold: the aim, {AIM * 100:.0f} %, is reached."
     )
 
 

@@ -21,7 +21,7 @@ from results import REAL, TEST
 from unshutter_lab.evaluation.results import Results
 
 DOCS = Path("docs/results")
-PAGE, READING = DOCS / "paper-networks.md", DOCS / "paper-networks-reading.md"  # the reading is written by hand
+PAGE = DOCS / "paper-networks.md"  # written by hand up to its first heading of a table, which is kept
 WHOLE = "whole"  # the row that others are compared with
 NAMES = {"kandula2020-cpu-long-pictures": WHOLE, "kandula2020-": ""}  # of networks -> of rows
 DRAWS = 4000  # of photos and seeds, for an interval
@@ -63,7 +63,7 @@ def main() -> None:
     networks = sorted(given.runs.glob("seed*/*/model.onnx"))
     if not networks:
         sys.exit(f"paper_networks: no {given.runs}/seedN/NAME/model.onnx: lab/benchmarks/ablations.py trains them")
-    parts = [READING.read_text().strip()]
+    parts = [PAGE.read_text().partition("\n## ")[0].strip()]
     for protocol, (title, folders, options, figure, middle, form) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(given.data / folder) for folder in folders)]
         estimators = ["none", "kandula2020", *(f"kandula2020@{path}" for path in networks)]

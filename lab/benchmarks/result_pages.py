@@ -28,17 +28,16 @@ from unshutter_lab.evaluation.tables import LEGENDS, Table, all_tables, as_csv, 
 
 READING = "reading.md"  # written by hand, kept
 READINGS = "readings.toml"  # by hand, too: the line at the top of each page
-KEPT = [READING, "paper-networks.md", "paper-networks-reading.md"]  # the latter two are paper_networks.py's
+KEPT = [READING, "paper-networks.md"]  # the latter is paper_networks.py's
 # what ``unshutter models`` prints: file of a package -> whether it is the lab's
 SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
 _ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
 BACK = "[All results](index.md)"
 ABOUT = (
-    "One page for everything that was measured. Errors are the median EPE (the mean distance of pixels from where they "
-    "belong) in pixels of a picture of 256 rows: less is better. Gains are in PSNR over the unchanged frame: more is "
-    "better. *Best other* is the one with the best mean. Each question leads to its page, with the command that "
-    "measures it and all figures as CSV."
+    "Errors are the median EPE (the mean distance of pixels from where they belong) in pixels of a picture of 256 "
+    "rows; gains are in PSNR over the unchanged frame. *Best other* is the method with the best mean. Each question "
+    "leads to its page, with the command that measures it and all figures as CSV."
 )
 MORE = {
     "reading.md": "Which method for my photo, and how to read the figures",
@@ -59,7 +58,7 @@ TITLES = {
     "pairs": (
         "Real pairs",
         "Rolling-shutter frames, and what a global shutter saw at the moment of their first or middle row. The ceiling "
-        "is the best cubic t_x and r_z, fitted to both pictures.",
+        "is the best cubic t_x and r_z, fitted to both.",
     ),
 }
 
@@ -159,8 +158,8 @@ def _intro(runs: dict[str, Results]) -> str:
         f"{name} {version}" for name, version in environment.items() if name not in ("code", "machine")
     )
     return (
-        "`make results DATA=...` measures every figure in the tables and writes them here; only the readings are "
-        "typed. No method was trained on these photos, and they are not part of the repository.\n\n"
+        "`make results DATA=...` measures all figures. No method was trained on these photos, which are not part of "
+        "the repository.\n\n"
         f"Commit {commit} (code {environment.get('code', '?')}), {environment.get('machine', '?')}, {versions}."
     )
 
@@ -168,13 +167,13 @@ def _intro(runs: dict[str, Results]) -> str:
 def _sheets(examples: Results, build: Path, docs: Path) -> str:
     parts = [
         "# Results in pictures",
-        "The photo, by Berthold Werner, shows the Constantine Basilica in Trier and is in the public domain; the "
-        "motions are random. Above each picture stand the method and its EPE.",
+        "The photo, by Berthold Werner, shows the Constantine Basilica in Trier and is in the public domain. Above "
+        "each picture stand the method and its EPE.",
         f"```sh\n{examples.command}\n```",
     ]
     for sheet in sorted((build / SHEETS).glob("sheet_*.jpg")):
         shutil.copy(sheet, docs / f"example-{sheet.name}")
-        parts.append(f"![Input, what each method made of it, and the truth](example-{sheet.name})")
+        parts.append(f"![Input, the result of each method, and the truth](example-{sheet.name})")
     curves = [file for file, _ in draw_plots(examples, docs, "example-") if file.endswith("curves.png")]
     parts += [f"![Motions found and true, of the pictures above]({file})" for file in curves]
     for name in ("epe", "size"):

@@ -94,7 +94,7 @@ def summary(docs: Path) -> str:
     """
     parts = [questions_table(docs)]
     for file, caption in _plots(docs):
-        parts.append(f"![{caption}]({file})\n\n*{caption}*")
+        parts.append(f"![Plot]({file})\n\n*{caption}*")
     return "\n\n".join(parts)
 
 
@@ -182,10 +182,7 @@ def _plots(docs: Path) -> list[tuple[str, str]]:
     save_figure(figure, docs / PLOTS[1])
     return [
         (PLOTS[0], "How much distortion is left? Median error of distorted photos of buildings, at 256 px."),
-        (
-            PLOTS[1],
-            "What does the benefit cost? `rectify` by each method, means of the test sets; the best place is top left.",
-        ),
+        (PLOTS[1], "What does the benefit cost? `rectify` by each method, means of the test sets; best is top left."),
     ]
 
 

@@ -37,9 +37,9 @@ def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[s
     kind = PROTOCOLS[results.request.protocol].kind
     plots: list[tuple[str, str, Callable[[Results], Any]]] = []
     if kind in ("motion", "still", "sequences"):
-        plots.append(("epe", "Share of pictures with an EPE up to that on the axis, for each method.", _distributions))
+        plots.append(("epe", "Share of pictures with an EPE up to that on the axis.", _distributions))
     if kind == "motion":
-        caption = "Median EPE against how far the motion displaces pixels. On the grey line nothing is gained."
+        caption = "Median EPE against the size of the motion. On the grey line nothing is gained."
         plots.append(("size", caption, _against_size))
     if kind in ("pairs", "video"):
         plots.append(("bars", "Each picture is a dot, the mean of a method a line.", _dots))

@@ -112,9 +112,9 @@ PROTOCOLS = {
     "synthetic": Protocol(
         "Synthetic motions, 256 px",
         "motion",
-        "The middle square of each photo at 256 px, with random quadratic motions of Rengarajan et al. 2017: the size "
-        "that the paper's networks see. Every estimator is given the focal length: EXIF's, else a guess of 0.85 (width "
-        "+ height) of the whole photo, scaled to the picture.",
+        "The middle square of each photo at 256 px, the size that the paper's networks see, with random quadratic "
+        "motions of Rengarajan et al. 2017. Every estimator is given the focal length: EXIF's, else 0.85 (width + "
+        "height) of the whole photo, scaled to the picture.",
         _with_motion(Suite("256 px")),
     ),
     "native": Protocol(
@@ -127,18 +127,16 @@ PROTOCOLS = {
         "Recorded camera motions",
         "motion",
         "Windows of recorded camera rotation (t_x from turning about the vertical, r_z about the optical axis) at "
-        "three strengths: readouts of 20, 50 and 100 ms, focal length 256 px, pictures of 256 px. The logs stand in "
-        "for the trajectories of Köhler et al. 2012, which the paper tests with (§4.3) and which we could not obtain.",
+        "three strengths: readouts of 20, 50 and 100 ms, focal length and pictures of 256 px. The paper tests with "
+        "the trajectories of Köhler et al. 2012 (§4.3), which we could not obtain.",
         _with_motion(*(Suite(f"readout {ms} ms", readout_s=ms / 1000) for ms in (20, 50, 100)), recorded=True),
         by_group=False,
     ),
     "undistorted": Protocol(
         "Undistorted photos: do no harm",
         "still",
-        "Photos as they are: every motion found is wrong. *Left alone* are those that `unshutter rectify` would not "
-        "change, because the motion is too unsure or too small; *moved* counts the others. In the last suites photos "
-        "lie on their side, as phones store portrait photos, or estimators know of a readout of 30 ms and an exposure "
-        "of 1/60 s.",
+        "Undistorted photos, in which every motion found is wrong. In the last suites photos lie on their side, as "
+        "phones store portrait photos, or estimators know of a readout of 30 ms and an exposure of 1/60 s.",
         _with_motion(
             Suite("256 px", still=True),
             Suite("native size", rows=None, still=True),
@@ -158,8 +156,8 @@ PROTOCOLS = {
     "exposure": Protocol(
         "Photos of known exposure",
         "motion",
-        "The same photos and motions, each row exposed for 1/1000 s or 1/60 s of a readout of 30 ms, blurred by its "
-        "motion during that time. Estimators know both times.",
+        "The same photos and motions, each row exposed for 1/1000 s or 1/60 s of a readout of 30 ms, and blurred by "
+        "its motion. Estimators know both times.",
         _with_motion(
             Suite("1/1000 s, 256 px", exposure_s=1 / 1000),
             Suite("1/60 s, 256 px", exposure_s=1 / 60),
@@ -171,8 +169,7 @@ PROTOCOLS = {
         "Photos of known roll and tilt",
         "motion",
         "The same photos and motions. Estimators know roll and tilt of the camera, each up to 1 degree off, as from an "
-        "accelerometer. No set says how its cameras were held: the right angles of each undistorted photo show it; if "
-        "there are none, estimators do not know.",
+        "accelerometer; they are taken from the right angles of the undistorted photo, if it has any.",
         _with_motion(Suite("256 px", attitude_deg=1.0), Suite("native size", rows=None, attitude_deg=1.0)),
     ),
     "robustness": Protocol(
@@ -180,7 +177,7 @@ PROTOCOLS = {
         "motion",
         "The same photos and motions (256 px) under JPEG compression (quality 30), noise (sigma 10), blur (sigma 1.5 "
         "px), at night (gamma 2, half the brightness, noise of sigma 6), at 128 px, enlarged to 2160 px, and lying on "
-        "their side as phones store portrait photos, with and without an orientation in EXIF.",
+        "their side, with and without an orientation in EXIF.",
         _with_motion(
             Suite("as it is"),
             Suite("JPEG q 30", disturbance="jpeg"),
@@ -217,10 +214,8 @@ PROTOCOLS = {
         "sequences",
         "Each photo as 60 frames of a camera that turns about all three axes as a recorded one did (30 frames a "
         "second, 640x360 px, noise of 2 levels; logs of motion capture smoothed by 30 ms), its readout taking 0.3, 0.6 "
-        "and 0.9 of a frame's time. *frames-camera* sees all frames and has to find the focal length, and the "
-        "readout ratio if it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its "
-        "own standard deviations, as nine in ten should. Methods that see one photo get every twelfth frame "
-        "and the focal length.",
+        "and 0.9 of a frame's time. *frames-camera* sees all frames, and finds the focal length and, unless given, the "
+        "readout ratio. Methods that see one photo get every twelfth frame and the focal length.",
         _sequences,
     ),
 }

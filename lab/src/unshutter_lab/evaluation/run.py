@@ -159,7 +159,8 @@ def page(
     protocol = PROTOCOLS[results.request.protocol]
     parts = [f"# {protocol.title}", protocol.description, _counts(results), f"```sh\n{results.command}\n```"]
     parts.append(tables(results) if figures is None else figures)
-    parts += [f"![{caption}]({file})\n\n*{caption}*" for file, caption in (*plots, *sheets)]
+    parts += [f"![Plot]({file})\n\n*{caption}*" for file, caption in plots]
+    parts += [f"![Pictures]({file})\n\n*{caption}*" for file, caption in sheets]
     return "\n\n".join(parts) + "\n"
 
 
@@ -170,11 +171,10 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _counts(results: Results) -> str:
-    """Describes the number of pictures per folder, and how they were selected."""
+    """Describes the number of pictures per folder; the command shows how they were selected."""
     photos = results.frame.groupby("group", sort=False)["photo"].nunique()
     listed = ", ".join(f"{group} {count}" for group, count in photos.items())
     what = {"pairs": "Sequences", "video": "Sequences", "sequences": "Photos, seen by each log at each ratio"}.get(
         PROTOCOLS[results.request.protocol].kind, "Photos"
     )
-    chosen = f" (at most {results.request.photos} of each folder, chosen by the seed)" if results.request.photos else ""
-    return f"{what}: {listed}{chosen}. Seed {results.request.seed}."
+    return f"{what}: {listed}."

@@ -63,10 +63,12 @@ class Table:
 
 
 def short_tables(tables: list[Table], kind: str) -> str:
-    """Returns tables of methods against photos, one per suite; against suites if photos are pooled."""
+    """Returns tables of methods against photos, one per suite; against suites if all photos are in one group."""
     tables = [table for table in tables if SHORT[kind][0] in table.titles]
-    if all({row[0] for row in table.rows} == {"all"} for table in tables):
-        return _matrix({table.suite: table.figures(SHORT[kind])["all"] for table in tables})
+    groups = {row[0] for table in tables for row in table.rows}
+    if groups == {"all"} or (len(groups) == 1 and len(tables) > 1):
+        (group,) = groups
+        return _matrix({table.suite: table.figures(SHORT[kind])[group] for table in tables})
     parts = []
     for table in tables:
         parts += [f"### {table.suite}"] if len(tables) > 1 else []
