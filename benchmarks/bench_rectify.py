@@ -93,8 +93,9 @@ def measure(folder: Path, format: str, megapixels: float, runs: int) -> str:
     def of_floor(name: str) -> str:
         return spread([a / b for a, b in zip(seconds[name], seconds["floor"], strict=True)], "").strip()
 
-    cells = [f"{megapixels:g} MP {format}", spread(seconds["one"]), spread(seconds["floor"]), f"**{of_floor('one')}**"]
-    cells += [of_floor("given"), spread(seconds["further"]), of_floor("further"), f"{' / '.join(peaks)} MB"]
+    one, floor, further = (f"{statistics.median(seconds[name]):.2f} s" for name in ("one", "floor", "further"))
+    cells = [f"{megapixels:g} MP {format}", one, floor, f"**{of_floor('one')}**"]
+    cells += [of_floor("given"), further, of_floor("further"), f"{' / '.join(peaks)} MB"]
     return f"| {' | '.join(cells)} |"
 
 

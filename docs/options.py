@@ -33,7 +33,7 @@ def reference() -> Iterator[str]:
 
 
 def section(name: str, command: Command, described: dict[str, str]) -> Iterator[str]:
-    """Heading, description, and a table for each group of options."""
+    """Heading, description, a table with a row for the title of each group, and the names of known options."""
     parser = argparse.ArgumentParser(add_help=False)
     add_arguments(parser, command.arguments)
     yield f"## unshutter {name}"
@@ -42,21 +42,21 @@ def section(name: str, command: Command, described: dict[str, str]) -> Iterator[
     for group in parser._action_groups:
         title = "" if group.title in ("positional arguments", "options") else str(group.title)
         groups.setdefault(title, []).extend(group._group_actions)
+    table: list[str] = []
+    known: dict[str, list[str]] = {}  # an earlier command -> options that it describes
     for title, actions in groups.items():
-        if actions:
-            if title:
-                yield f"**{title}**"
-            rows = [row(action) for action in actions]
-            if new := [each for each in rows if each not in described]:
-                yield "| option | what it does |\n|---|---|\n" + "\n".join(new)
-            for other in dict.fromkeys(described[each] for each in rows if each in described):
-                known = [
-                    each[2 : each.rindex("`", 0, each.index(" | ")) + 1]
-                    for each in rows
-                    if described.get(each) == other
-                ]
-                yield f"As for [{other}](#unshutter-{other}): {', '.join(known)}."
-            described |= dict.fromkeys(new, name)
+        rows = [row(action) for action in actions]
+        new = [each for each in rows if each not in described]
+        table += [f"| **{title}** | |"] * bool(title and new) + new
+        for each in rows:
+            if each in described:
+                flags = each[2 : each.rindex("`", 0, each.index(" | ")) + 1]
+                known.setdefault(described[each], []).append(flags)
+        described |= dict.fromkeys(new, name)
+    if table:
+        yield "| option | what it does |\n|---|---|\n" + "\n".join(table)
+    for other, flags_of_it in known.items():
+        yield f"As for [{other}](#unshutter-{other}): {', '.join(flags_of_it)}."
 
 
 def row(action: argparse.Action) -> str:

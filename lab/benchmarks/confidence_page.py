@@ -58,8 +58,8 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
     parts += [_gap_words(), _of_all(gaps), f"### The bins, half and half, {ALL} photos", _bins(kinds["Half and half"])]
     parts += _of_kinds(kinds["Half and half"][ALL])
     parts += [f"## Without the {DROPPED * 100:.0f} % that are trusted least", _bounds(kinds), _of_all(drops)]
-    parts += [f"[All figures, folder by folder, as CSV]({CSV}).", "## Measured by"]
-    parts += [f"```sh\n{runs[name].command}\n```" for name in RUNS]
+    pages = " and ".join(f"[{name}]({name}.md)" for name in RUNS)
+    parts += [f"[All figures, folder by folder, as CSV]({CSV}). Measured by the commands of {pages}."]
     (docs / PAGE).write_text("\n\n".join([*parts, "[All results](index.md)"]) + "\n")
     return True
 

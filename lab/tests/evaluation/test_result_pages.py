@@ -88,7 +88,7 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
     assert "| half and half | manhattan | 10 | 0.71 | 0.40 |" in page  # four of ten are right
     assert "| – | – | – |" in page  # no bin has enough pictures for a largest gap
     assert "| none |" not in page and ",none," not in figures and "(`manhattan`)" in page
-    assert "unshutter evaluate --protocol undistorted --data photos/houses" in page
+    assert "the commands of [synthetic](synthetic.md) and [undistorted](undistorted.md)" in page
     assert (docs / "confidence-reliability.png").exists()
     assert "(confidence.md)" in (docs / "index.md").read_text()
 

@@ -97,7 +97,7 @@ class Map:
     reference: Reference | None = option(
         None, "Row whose capture time the result shows. Default: taken from the motion file, otherwise first."
     )
-    overwrite: bool = option(False, "Replace an existing map.")
+    overwrite: bool = option(False, "Replace existing outputs.")
     find: Find = field(default_factory=Find)
 
 
@@ -140,7 +140,7 @@ class Points:
     first_pixel: Literal["0", "0.5"] = option(
         "0", "Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP). Default: 0."
     )
-    overwrite: bool = option(False, "Replace an existing file.")
+    overwrite: bool = option(False, "Replace existing outputs.")
 
 
 def _points(arguments: Points) -> int:
