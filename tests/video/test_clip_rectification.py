@@ -1,5 +1,6 @@
 """Clips of many kinds: their frames come out straight, and everything else as it went in."""
 
+import itertools
 import json
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.hand_held import log_of, pan
 from unshutter import Photo
 from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip, Shutter
-from unshutter.reasons import Code
+from unshutter.reasons import Code, Reason
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip_rectification import rectify_clip_file
@@ -244,3 +246,33 @@ def test_a_shot_of_a_few_frames_is_left_alone(tmp_path):
     after = straighten(before)
     assert np.array_equal(clips.luma(after)[FRAMES:], clips.luma(before)[FRAMES:])
     assert not np.array_equal(clips.luma(after)[:FRAMES], clips.luma(before)[:FRAMES])
+
+
+def test_frames_that_show_no_motion_do_not_jump_back_to_their_distortion(tmp_path):
+    """Two frames out of focus, in which nothing can be followed: they are straightened as their neighbours are."""
+    turning = log_of(lambda t: 60 + 20 * np.sin(3 * t), lambda t: 0 * t, lambda t: 0 * t)
+    camera, greys = clips.moving(30, turning)
+    for k in (14, 15):
+        greys[k] = cv2.GaussianBlur(greys[k], (0, 0), 14)
+    clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
+    outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(Shutter(readout_ratio=clips.RATIO)))
+    assert outcome.frames == outcome.rectified == 30
+    true = [each[-1] - each[0] for each in (camera.motion(k).rotations for k in range(30))]
+    left = np.abs([turn - each for (_, turn), each in zip(outcome.turns, true, strict=True)]).max(axis=1)
+    assert left[14:16].max() < 0.15 * np.abs(true[14]).max()
+
+
+def test_the_correction_fades_in_where_motion_was_unknown_for_longer(tmp_path):
+    """Four parts of the picture move apart for a while: no motion of a camera explains that."""
+    camera, greys = clips.moving(44, pan(60.0))
+    halves = [(slice(0, 72), slice(72, 144)), (slice(0, 96), slice(96, 192))]
+    for k in range(16, 28):
+        for part, speed in zip(itertools.product(*halves), (7, -8, -5, 9), strict=True):
+            greys[k][part] = np.roll(greys[k][part], (speed * (k - 15), -speed * (k - 15)), (0, 1))
+    clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
+    outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(Shutter(readout_ratio=clips.RATIO)))
+    assert set(outcome.reasons) == {Reason(Code.NO_COMMON_MOTION)}
+    undone = np.nan_to_num([np.abs(turn).max() for _, turn in outcome.turns]) / np.abs(camera.motion(5).rotations).max()
+    first = 28 - undone[:28][::-1].argmin()  # after the last frame that is left
+    assert 23 <= first < 26 and undone[28] > 0.8 and np.diff(undone[first - 1 : 29]).min() > 0
+    assert np.diff(undone[first - 1 : 29]).max() < 0.3

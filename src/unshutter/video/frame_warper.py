@@ -13,17 +13,17 @@ from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.frame_motion import FrameMotion, Step, Timing
+from unshutter.frames.frame_motion import AT_REST, FrameMotion, Step, Timing
 from unshutter.frames.neighbours import Link, copy_side, link, motion_field
 from unshutter.frames.pyav import av
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.sequence import CameraMotion
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RotationMotion
 from unshutter.motion.grid import EdgePolicy, Tile, valid_window
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
@@ -43,6 +43,7 @@ _MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this larg
 ROWS = 65  # of the small pictures to which the motions of clips refer
 GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
 FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
+_FADED = 5  # frames, over which the correction of a clip fades where no motion is found
 _MARGIN = 4  # extra frames on both sides of a window, for stability
 _CORE = (4, 24)  # fewest and most frames of a window
 _IN_MEMORY = 60_000_000  # bytes of frames awaiting their motion
@@ -117,10 +118,9 @@ def with_motion(
                 yield item
 
     last = None
-    for motion in camera.motions(grey_copies(request, frames())):
+    for motion, small in _bridged(camera.motions(grey_copies(request, frames()))):
         while isinstance(item := waiting.popleft(), SidePacket):
             yield item
-        small = small_motion(motion)
         step = motion.step_from(last)
         yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
         last = motion
@@ -132,6 +132,46 @@ def small_motion(motion: FrameMotion) -> Motion:
     rows = ROWS if motion.turns is None else GYRO_ROWS
     width = max(1, round(motion.width * rows / motion.height))
     return replace(motion, height=rows, width=width).motion()
+
+
+_Known: TypeAlias = tuple[int, Motion, int]  # motion of another frame: scene, motion, and how many frames away it is
+
+
+def _bridged(motions: Iterable[FrameMotion]) -> Iterator[tuple[FrameMotion, Motion]]:
+    """Yields the motions, also for small pictures; those not found are filled in from the frames before and after.
+
+    Otherwise, single frames would jump back to their distortion. In longer gaps, the correction fades out and in.
+    """
+    lost: deque[tuple[FrameMotion, Motion, list[_Known]]] = deque()
+    before: list[_Known] = []
+
+    def release(most: int, *after: tuple[int, Motion]) -> Iterator[tuple[FrameMotion, Motion]]:
+        while len(lost) > most:
+            motion, none, known = lost.popleft()
+            yield motion, _mixed(motion.scene, none, known + [(*each, len(lost) + 1) for each in after])
+
+    for motion in motions:
+        small = small_motion(motion)
+        before = [(scene, known, apart + 1) for scene, known, apart in before]
+        if small.reason is None or small.reason.code in AT_REST:
+            yield from release(0, (motion.scene, small))
+            yield motion, small
+            before = [(motion.scene, small, 0)]
+        else:
+            lost.append((motion, small, before))
+            yield from release(_FADED - 1)
+    yield from release(0)
+
+
+def _mixed(scene: int, none: Motion, known: list[_Known]) -> Motion:
+    """Returns a motion like those of frames nearby, the less so the further away; otherwise ``none``."""
+    alike = [each for each in known if each[0] == scene]
+    if not alike and len(known) == 2:  # a scene of so few frames is an error
+        alike = known
+    shares = [(motion, max(0.0, 1 - apart / _FADED)) for _, motion, apart in alike]
+    total = max(1.0, sum(share for _, share in shares))
+    turns = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
+    return replace(turns[0][0], rotations=sum(share * m.rotations for m, share in turns)) if turns else none
 
 
 # ---- flow between neighbours ------------------------------------------------------------------------------------

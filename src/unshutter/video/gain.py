@@ -31,7 +31,10 @@ _KEPT_OUT = 4  # every fourth track
 _RUNS, _RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
 _FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
-_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px there: what is smaller in so many per cent of the frames cannot be seen,
+_VISIBLE_PX, _MOST_FRAMES = (
+    0.5,
+    90,
+)  # px, but there at most: what is smaller in so many per cent of the frames cannot be seen,
 _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
 _SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
 _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
@@ -43,7 +46,7 @@ class Gain:
     """What undoing the motion changes in the examined frames."""
 
     frames: int = 0  # number of examined frames
-    # largest displacement [px of 1080 rows] in each frame whose motion is known; 0 if the camera stood still
+    # largest displacement in each frame whose motion is known, 0 if the camera stood still [px, of 1080 rows at most]
     displaced_px: list[float] = field(default_factory=list)
     reasons: Counter[Reason] = field(default_factory=Counter)  # why frames have no motion to undo, with counts
     # [pairs] of frames whose motion is undone: by how much the sum of squares that is left of the tracks falls, in
@@ -69,18 +72,16 @@ class Gain:
         """
         if self.frames == self.reasons.total():
             return self.reasons.most_common(1)[0][0] if self.reasons else None
-        if 2 * len(self.displaced_px) < self.frames:
-            return None
-        if not is_visible(self.displaced_px):
+        if 2 * len(self.displaced_px) >= self.frames and not is_visible(self.displaced_px):
             return Reason(Code.NO_VISIBLE_DISTORTION)
         if len(self.gains) < _FEW:
             return None
         gain, error = self.gain
         change, displaced = np.median(self._changes_px, axis=0)
-        if gain > sure * error or change < _EVEN * displaced:
+        before, after = map(float, np.median(self.wobble_px, axis=0))
+        if change < _EVEN * displaced or (gain > sure * error and after < before):
             return None
-        wobble = np.median(self.wobble_px, axis=0)
-        return Reason.of(Code.NO_GAIN, before=round(float(wobble[0]), 3), after=round(float(wobble[1]), 3))
+        return Reason.of(Code.NO_GAIN, before=round(before, 3), after=round(after, 3))
 
     def add(self, before: FrameMotion | None, motion: FrameMotion, undo: ClipUndo) -> None:
         """Adds a frame, and the pair of frames that it forms with the previous one."""
@@ -112,7 +113,7 @@ def wobble(tracks: Tracks, focal_px: float) -> float:
 
 
 def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
-    """Whether anyone can see that frames are displaced so far [px of 1080 rows]."""
+    """Whether anyone can see that frames are displaced so far [px, but of 1080 rows at most]."""
     most = np.percentile(displaced_px, _MOST_FRAMES)
     return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
 
@@ -157,18 +158,18 @@ class _Undone:
 
     motion: Motion  # of a small picture: the part that is undone
     reason: Reason | None  # why there is no motion to undo; None if there is
-    grid: Float64[np.ndarray, "points 2"]  # displacements of points spread over the frame [px of 1080 rows]
+    grid: Float64[np.ndarray, "points 2"]  # displacements of points spread over the frame [px, of 1080 rows at most]
 
     @classmethod
     def of(cls, motion: FrameMotion, undo: ClipUndo) -> _Undone:
-        small = small_motion(motion)
+        small, size = small_motion(motion), (motion.height, motion.width)
         undone = small.rereferenced(undo.reference).scaled(undo.strength)
         ends = small.width - 1, small.height - 1
         col, row = (each.ravel() for each in np.meshgrid(*(np.linspace(0, end, 5) for end in ends)))
         seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)
         grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
         reason = (small.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
-        return cls(undone, reason, np.nan_to_num(grid) * TALL / min(small.height, small.width))
+        return cls(undone, reason, np.nan_to_num(grid) * min(TALL, *size) / min(small.height, small.width))
 
     def seen(self, points: Float64[np.ndarray, "tracks 2"], tracks: Tracks) -> Float64[np.ndarray, "tracks 2"]:
         """Returns where points of the tracked copy lie once the motion is undone."""
