@@ -25,7 +25,7 @@ _ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
 
 @dataclass(frozen=True)
 class Shutter:
-    """The camera of a clip, as far as the user knows it."""
+    """What you know about the camera."""
 
     readout_ms: float | None = option(
         None, "Readout time of a frame in ms. Default: from the clip or the table of cameras.", metavar="MS"
@@ -183,7 +183,7 @@ class Encode:
 
 @dataclass(frozen=True)
 class RectifyClip:
-    """Everything that can be chosen about rectifying a clip."""
+    """Which part of the clip, which motion, and what else to write."""
 
     shutter: Shutter = field(default_factory=Shutter)  # what the user states about the camera
     undo: ClipUndo = field(default_factory=ClipUndo)  # how motion is undone
