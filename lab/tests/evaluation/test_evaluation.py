@@ -67,7 +67,7 @@ def test_another_run_in_the_folder_is_not_mixed_in(
     assert run(photos, tmp_path, *once, "--seed", "1", estimators="none") == 2
     assert "--overwrite" in one_line(capsys)
     assert run(photos, tmp_path, *once, "--seed", "1", "--overwrite", estimators="none") == 0
-    assert "Seed 1" in (tmp_path / "results.md").read_text()
+    assert "--seed 1" in (tmp_path / "results.md").read_text()
 
 
 def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> None:

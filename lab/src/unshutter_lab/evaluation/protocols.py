@@ -173,7 +173,7 @@ PROTOCOLS = {
         _with_motion(Suite("256 px", attitude_deg=1.0), Suite("native size", rows=None, attitude_deg=1.0)),
     ),
     "robustness": Protocol(
-        "What photos suffer",
+        "Degraded photos",
         "motion",
         "The same photos and motions (256 px) under JPEG compression (quality 30), noise (sigma 10), blur (sigma 1.5 "
         "px), at night (gamma 2, half the brightness, noise of sigma 6), at 128 px, enlarged to 2160 px, and lying on "
