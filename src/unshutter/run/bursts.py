@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from unshutter.frames.frame_motion import FrameMotion
     from unshutter.frames.sequence import CameraMotion, GreyFrame
 
-_LONGEST_S = 0.201  # from one photo to the next; with more, a hand changes its speed too much (docs/research/clips.md)
+_LONGEST_S = 0.201  # from one photo to the next; with more, a hand changes its speed too much (docs/research/bursts.md)
 _LONGEST_OF_TWO_S = 0.101  # two photos do not show how the speed changed
 _CLOCK_S = 0.012  # some cameras record hundredths of a second: intervals that differ by less are even
 _CAUTIOUS = 0.7  # of a usual readout time: one that is too long bends photos, one that is too short leaves them bent
