@@ -271,7 +271,7 @@ def test_the_correction_fades_in_where_motion_was_unknown_for_longer(tmp_path):
             greys[k][part] = np.roll(greys[k][part], (speed * (k - 15), -speed * (k - 15)), (0, 1))
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
     outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(Shutter(readout_ratio=clips.RATIO)))
-    assert set(outcome.reasons) == {Reason(Code.NO_COMMON_MOTION)}
+    assert Reason(Code.NO_COMMON_MOTION) in outcome.reasons
     undone = np.nan_to_num([np.abs(turn).max() for _, turn in outcome.turns]) / np.abs(camera.motion(5).rotations).max()
     first = 28 - undone[:28][::-1].argmin()  # after the last frame that is left
     assert 23 <= first < 26 and undone[28] > 0.8 and np.diff(undone[first - 1 : 29]).min() > 0

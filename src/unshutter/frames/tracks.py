@@ -141,14 +141,22 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
 def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndarray:
     """[N] bool: the points that fit the homography of the majority from start to end.
 
-    If the speed changes within a frame, rows deviate from it smoothly; that is allowed for.
+    If the speed changes within a frame, rows deviate from it smoothly; that is allowed for. The first look is narrow:
+    a wide one takes objects that move slowly for a part of the plane.
     """
+    near = _NEAR_PLANE * float(np.hypot(tracks.height, tracks.width))
+    sharply = _close_to_plane(start, end, tracks, near / 2, near / 2)
+    enough = sharply.sum() >= max(_FEWEST, _LEAST_AGREEING * len(start))
+    return sharply if enough else _close_to_plane(start, end, tracks, near, 2 * near)
+
+
+def _close_to_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks, near: float, at_first: float) -> np.ndarray:
+    """[N] bool: the points that fit a homography, at first and then with smooth deviations [px]."""
     import cv2
 
     diagonal = float(np.hypot(tracks.height, tracks.width))
-    near = _NEAR_PLANE * diagonal
     before, after = (straightened(points, tracks) for points in (start, end))
-    homography, agreeing = cv2.findHomography(before, after, cv2.USAC_ACCURATE, 2 * near)
+    homography, agreeing = cv2.findHomography(before, after, cv2.USAC_ACCURATE, at_first)
     if homography is None or agreeing.sum() < _FEWEST:
         return np.zeros(len(start), bool)
     off = end - bent(cv2.perspectiveTransform(before[None], homography)[0], tracks)
