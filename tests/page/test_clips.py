@@ -1,6 +1,8 @@
 """Clips over the API: looked at, made as on the command line, refused in one line."""
 
+import io
 import json
+import time
 import zipfile
 from pathlib import Path
 
@@ -141,6 +143,29 @@ def test_a_clip_held_upright_is_seen_upright(client: httpx.Client, tmp_path: Pat
     before = client.get(f"/api/clips/{id}/before")
     facts = json.loads(before.headers["unshutter-result"])
     assert (facts["width"], facts["height"]) == (144, 192)
+
+
+def test_a_search_that_nobody_waits_for_is_stopped(client: httpx.Client, long_walk: Path) -> None:
+    id = _opened(client, long_walk)
+    assert client.get(f"/api/clips/{id}/progress").json() == {}
+    with pytest.raises(httpx.ReadTimeout):
+        client.get(f"/api/clips/{id}/readout", timeout=1)
+    time.sleep(1)
+    noted = [client.get(f"/api/clips/{id}/progress").json() for _ in range(2) if not time.sleep(1)]
+    assert noted[0] == noted[1] and noted[0].get("done", 0) < noted[0].get("total", 1)
+
+
+def test_the_film_shows_stabilisation(client: httpx.Client, walk: Path) -> None:
+    id = _opened(client, walk)
+    last = {}
+    for seconds in ("", "2"):
+        film = client.get(f"/api/clips/{id}/film", params={**RATIO, "stabilize": seconds, "moment": 2})
+        frames = list(av.open(io.BytesIO(film.content), "r").decode(video=0))
+        assert len(frames) == len(GREYS)
+        last[seconds] = frames[-1].to_ndarray(format="gray").astype(float)
+    before, after = (slice(None), slice(clips.WIDTH)), (slice(None), slice(clips.WIDTH, None))
+    assert np.abs(last[""][before] - last["2"][before]).mean() < 2  # the clip itself
+    assert np.abs(last[""][after] - last["2"][after]).mean() > 5  # turned and enlarged
 
 
 def test_the_readout_time(client: httpx.Client, walk: Path, tmp_path: Path) -> None:

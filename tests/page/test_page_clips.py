@@ -90,6 +90,9 @@ def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page
     _give_readout(page, "20")
     wait_for(page, "done")
     expect(page.locator("#clip-panel .said")).to_contain_text("left unchanged: the camera stood still")
+    page.get_by_role("button", name="Save this clip").click()
+    unchanged = "still.mp4: nothing was saved, since no frame was straightened: the camera stood still."
+    expect(page.locator("#notice")).to_have_text(unchanged, timeout=FOUND_MS)
 
 
 def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
@@ -111,34 +114,54 @@ def test_progress_and_cancelling(page: Page, tmp_path: Path) -> None:
     wait_for(page, "done", timeout=FOUND_MS)
 
 
-def test_the_moments_are_there_before_their_motion_is_known(page: Page, walk: Path) -> None:
+def test_a_first_look_comes_before_the_readout_time_is_known(page: Page, walk: Path) -> None:
     asked: list[Route] = []
     page.route("**/readout?*", lambda route: asked.append(route))  # which has no answer yet
     drop(page, walk)
     drawn = "() => [...document.querySelectorAll('#moments canvas')].filter(node => node.width > 40).length === 5"
     page.wait_for_function(drawn)
-    expect(page.locator("#working")).to_contain_text("looking at the motion")
-    expect(page.locator(".handle")).to_be_hidden()  # there is no other half yet
+    expect(page.locator("#moments .coming")).to_have_count(5)
+    expect(page.locator("#player")).to_contain_text("Finding the readout time and the motion")
+    expect(page.locator("#clip-panel .said")).to_contain_text("This is a first look", timeout=FOUND_MS)
+    first, after = _shown(page)
+    assert first != after
+    expect(page.get_by_role("button", name="Save this clip")).to_be_disabled()
     assert len(asked) == 1
 
 
+def test_a_search_that_is_cancelled_waits_for_the_user(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "long.mp4", clips.moving(60)[1]))
+    page.locator("#player").get_by_role("button", name="Cancel").click()
+    wait_for(page, "asking")
+    expect(page.locator("#clip-panel .said")).to_contain_text("The search for the readout time was cancelled.")
+    page.locator("#clip-strength").fill("50")  # does not begin it again
+    expect(page.get_by_role("button", name="Save this clip")).to_be_disabled()
+    wait_for(page, "asking")
+    page.locator("#clip-readout-unit").select_option("find")
+    expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
+    expect(page.locator("#clip-panel")).to_contain_text("Found: ")
+
+
 def test_how_long_saving_still_takes(page: Page) -> None:
-    """One bar from start to end, though the frames are passed over twice."""
+    """One share from start to end, though the frames are passed over twice after the gyro log."""
     said = page.evaluate(
         """async () => {
-            const { watch } = await import("/page/saving.js"), bar = document.getElementById("saving-bar");
+            const { pace } = await import("/page/saving.js"), told = pace("frames");
             let now = 0;
             performance.now = () => now;
-            const show = watch();
-            return [["looking", 50], ["frames", 0], ["frames", 50]].map(([what, done], k) => {
-                now = 10000 * (k + 1);
-                show({ done: [], total: 1, now: { name: "a.mp4", what, done, total: 100 } });
-                return [bar.value, document.getElementById("saving-words").textContent];
+            const noted = [["gyro", 4, 8], ["looking", 50, 100],
+                ["frames", 0, 100], ["frames", 50, 100], ["frames", 100, 100]];
+            return noted.map(([what, done, total]) => {
+                now += 10000;
+                return told({ what, done, total });
             });
         }"""
     )
-    assert [value for value, _ in said] == [0.25, 0.5, 0.75]
-    assert "about 30 s left" in said[0][1] and "about 10 s left" in said[2][1]
+    shares = [each["share"] for each in said]
+    assert shares == sorted(shares) and shares[-1] == 1
+    # the gyro log takes 4 s, each of the two passes 3: in the middle of the second, 8.5 of 10 are done
+    assert abs(shares[-2] - 0.85) < 1e-9
+    assert said[-2]["left"] == "about 5 s left"  # 30 s took it from 1 of 11 to .85
 
 
 def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
@@ -224,11 +247,11 @@ def test_the_field_for_the_readout_time_shows_where_it_is_asked_for(page: Page, 
     expect(page.get_by_text("does not show its readout time")).to_have_count(1)
 
 
-def test_what_only_the_saved_clip_shows_is_said_where_it_is_set(page: Page, walk: Path) -> None:
+def test_what_a_moment_does_not_show_is_said_where_it_is_set(page: Page, walk: Path) -> None:
     drop(page, walk)
     _give_readout(page)
     page.locator("#clip-panel").get_by_text("Advanced").click()
-    stabilized = page.get_by_text("Only the saved clip is stabilised")
+    stabilized = page.get_by_text("“Play before and after” shows it; single moments do not.")
     dense = page.get_by_text("Only in the saved clip do near")
     expect(stabilized).to_be_hidden()
     page.get_by_label("Stabilize").fill("2")

@@ -275,7 +275,13 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     wait_for(page)
     stage, panel, save = (page.locator(each).bounding_box() for each in ("#stage", "#panel", "#do-saveOne"))
     assert stage is not None and panel is not None and save is not None
-    assert stage["y"] < 150 and stage["height"] > 400 and panel["y"] >= stage["y"] + stage["height"]
+    shown = page.locator(".compare").bounding_box()
+    assert shown is not None and abs(shown["width"] - 390) < 1 and abs(shown["height"] - stage["height"]) < 1  # no bars
+    assert stage["y"] < 150 and panel["y"] >= stage["y"] + stage["height"]
+    page.evaluate("scrollTo(0, 500)")
+    expect(page.get_by_role("button", name="Grid")).to_be_in_viewport(ratio=1)
+    expect(page.get_by_label("Zoom", exact=True)).to_be_in_viewport(ratio=1)
+    page.evaluate("scrollTo(0, 0)")
     page.locator("#by-hand summary").click()
     page.locator("#turn-number").scroll_into_view_if_needed()
     picture, number = page.locator("#stage").bounding_box(), page.locator("#turn-number").bounding_box()

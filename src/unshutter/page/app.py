@@ -48,7 +48,7 @@ _TYPES = {
 }
 _SCREEN_SIDES = ("320", "1000", "1600", "2400")  # longer sides of copies for screens [px]; few, as each is cached
 _FULL = "full"
-_NOT_OPTIONS = ("longest", "later", "draft", "moment")  # query parameters
+_NOT_OPTIONS = ("longest", "later", "draft", "moment", "usual")  # query parameters
 _MOST_REQUEST = 2_000_000  # bytes of a request to save
 _ALIVE_S = 15.0  # between keep-alive messages to the page
 
@@ -78,6 +78,7 @@ def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE
         Route(f"{clip}/after", _after_clip),
         Route(f"{clip}/film", _film),
         Route(f"{clip}/readout", _readout),
+        Route(f"{clip}/progress", _progress),
         Route("/api/saves", _save, methods=["POST"]),
         Route(f"{save}/events", _events),
         Route(save, _cancel, methods=["DELETE"]),
@@ -199,19 +200,25 @@ async def _before_clip(request: Request) -> Response:
 
 
 async def _after_clip(request: Request) -> Response:
-    job = clip_jobs.after, _clip_options(request), _moment(request), _longest(request)
-    return _shown(*await _do(request, Urgency.LATER, *job))
+    usual = request.query_params.get("usual") == "1"
+    job = clip_jobs.after, _clip_options(request), _moment(request), _longest(request), usual
+    return _shown(*await _do_while_wanted(request, Urgency.NOW if usual else Urgency.LATER, *job))
 
 
 async def _film(request: Request) -> Response:
     """A WebM film of a few seconds around a moment, each frame before and after."""
-    file = await _do(request, Urgency.LATER, clip_jobs.film, _clip_options(request), _moment(request))
+    file = await _do_while_wanted(request, Urgency.LATER, clip_jobs.film, _clip_options(request), _moment(request))
     return FileResponse(file, media_type="video/webm")
 
 
 async def _readout(request: Request) -> Response:
     """The readout time of the clip's camera, as stated or estimated."""
-    return JSONResponse(await _do(request, Urgency.LATER, clip_jobs.readout, _clip_options(request)))
+    return JSONResponse(await _do_while_wanted(request, Urgency.LATER, clip_jobs.readout, _clip_options(request)))
+
+
+async def _progress(request: Request) -> Response:
+    """How far the search for the readout time is, or the film; ``{}`` before either begins."""
+    return JSONResponse(clip_jobs.progress_of(_open_file(request)).read() or {})
 
 
 # ---- saving ----------------------------------------------------------------------------------------------------
@@ -319,6 +326,19 @@ def _open_file(request: Request) -> OpenFile:
 async def _do(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: Any) -> R:
     """Runs a job on the open photo or clip whose id is in the address."""
     return await _desk(request).lanes.do(urgency, job, _open_file(request), *arguments)
+
+
+async def _do_while_wanted(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: Any) -> R:
+    """Runs a long job, and stops it once nobody waits for its answer any more."""
+    work, gone = asyncio.create_task(_do(request, urgency, job, *arguments)), asyncio.ensure_future(request.receive())
+    while not work.done():
+        await asyncio.wait({work, gone}, return_when=asyncio.FIRST_COMPLETED)
+        if gone.done() and gone.result()["type"] == "http.disconnect":
+            work.cancel()
+            raise HTTPException(400)
+        gone = asyncio.ensure_future(request.receive()) if gone.done() else gone
+    gone.cancel()
+    return work.result()
 
 
 def _photo_options(request: Request) -> PhotoOptions:

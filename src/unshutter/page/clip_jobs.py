@@ -35,11 +35,7 @@ _QUALITY = "22"  # constant quality at any bit rate: with a fixed bit rate, VP9'
 def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     """Returns an upright frame of the clip as a JPEG for the screen, and facts from its file as JSON.
 
-    Args:
-        open_file: the clip.
-        options: options of the clip; only start and end are used.
-        moment: index of the moment, 0 ... MOMENTS - 1, spaced evenly between start and end.
-        longest: longer side [px], or None for full size.
+    ``moment`` counts the moments from 0, evenly spaced; ``longest`` is the longer side [px], or None for full size.
     """
     from unshutter.video.clip import Clip
 
@@ -59,11 +55,13 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
         return as_jpeg(_small(frame, longest, frame)), facts
 
 
-def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def after(
+    open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None, usual: bool = False
+) -> tuple[bytes, dict[str, Any]]:
     """Returns a rectified frame of the clip as a JPEG for the screen, and what was done to it as JSON.
 
-    Its motion is estimated from the frames around it. Edges that would be cropped are kept, because the area common to
-    all frames is known only once the whole clip has been read.
+    Its motion is estimated from the frames around it, with the usual readout time of such cameras if ``usual``. Edges
+    that would be cropped are kept: the area common to all frames is known only once the whole clip has been read.
     """
     from unshutter.video.clip import Clip
     from unshutter.video.frame_warper import Warper
@@ -72,7 +70,8 @@ def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int |
         clip = Clip.look(open_file.path)
         edges = options.undo.edges
         undo = replace(options.undo, edges="keep") if edges == "crop" else options.undo
-        warper, moving = Warper(clip, undo), _moving_at(open_file, clip, options, _moment_time(clip, options, moment))
+        warper = Warper(clip, undo)
+        moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
         size = Readout.parse(options.shutter.readout).frame_size(clip.height, clip.width)
         motion = warper.motion(moving).resized(*size)
         pixels = _small(warper.rectified(moving).picture, longest, moving.frame)
@@ -89,7 +88,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
 
     with errors_of(open_file):
         clip = Clip.look(open_file.path)
-        time = _time_of(open_file, clip, options)
+        time = _time_of(open_file, clip, options, progress_of(open_file))
         return {
             "ratio": time.value,
             "ms": time.ms,
@@ -115,17 +114,7 @@ def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
 
 
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
-    """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON.
-
-    Args:
-        open_file: the clip.
-        target: path of the output.
-        options: options of the clip.
-        progress: file to which progress is written.
-
-    Raises:
-        UsageError, UnshutterError: see :func:`unshutter.video.clip_rectification.rectify_clip_file`.
-    """
+    """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
     from unshutter.video.clip import Clip
     from unshutter.video.clip_rectification import rectify_clip_file
 
@@ -133,7 +122,21 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
     with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
         time = _time_of(open_file, Clip.look(open_file.path), options, progress)
         record = rectify_clip_file(str(open_file.path), str(target), options, time, progress.note).as_json()
-    return {name: record[name] for name in ("frames", "rectified", "left_out")}
+    return {name: record[name] for name in ("frames", "rectified", "left_out", "declined")}
+
+
+def progress_of(open_file: OpenFile) -> ProgressFile:
+    """Returns the file that says how far the search for the readout time, or the film, is."""
+    return ProgressFile(open_file.path.with_name("progress.json"))
+
+
+def _usual_time(clip: Clip, options: RectifyClip) -> ReadoutTime:
+    """Returns the readout time that the user states, or that is usual for the camera: known without a search."""
+    from unshutter.video.cameras import listed_time, usual_time
+
+    mode = options.shutter.camera, (clip.width, clip.height), 1 / clip.interval_s
+    time = options.shutter.readout_time(clip.interval_s) or listed_time(clip.tags, *mode)
+    return (time or usual_time(clip.tags, clip.interval_s)).in_frames(clip.interval_s)
 
 
 def _time_of(
@@ -182,20 +185,22 @@ def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
 
 
-def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
+def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion, RowMotion
+    from unshutter.video.clip import ClipRequest
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
-    time = _time_of(open_file, clip, options)
+    time = _usual_time(clip, options) if usual else _time_of(open_file, clip, options)
     if time.declined is not None:
         return MovingFrame(_frame_at(clip, time_s), RowMotion.zero(ROWS, ROWS, reason=time.declined))
-    file = open_file.path.with_name(f"moment-{digest(options.shutter, time, time_s)}.json")
+    file = open_file.path.with_name(f"moment-{digest(options.shutter, time, time_s, usual)}.json")
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
     frames = islice(clip.iter_frames(first), 2 * _AROUND + 1)
-    for moving in with_motion(_request(open_file, clip, options), frames, time):
+    request = ClipRequest.of(clip, options, None) if usual else _request(open_file, clip, options)  # without a lens
+    for moving in with_motion(request, frames, time):
         if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.motion.to_json())
             return moving
@@ -203,13 +208,7 @@ def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: fl
 
 
 def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.ndarray:
-    """Returns the [H, W, 3] RGB pixels of a frame, upright.
-
-    Args:
-        frame: the decoded frame.
-        longest: longer side [px], or None for full size.
-        turned_as: frame from which to take the rotation.
-    """
+    """Returns the [H, W, 3] RGB pixels of a frame, turned upright as another frame states."""
     from unshutter.video.clip import upright
 
     scale = 1.0 if longest is None else min(longest / max(frame.height, frame.width), 1.0)
@@ -226,27 +225,33 @@ def _pairs(
     """Yields small frames around a moment, before and after side by side."""
     import numpy as np
 
-    from unshutter.motion.warp import straighten
     from unshutter.video.clip import upright
-    from unshutter.video.frame_warper import MovingFrame, Warper, with_motion
+    from unshutter.video.clip_rectification import Pipeline, with_steady_views
+    from unshutter.video.frame_map import FrameMap, warp_plane
+    from unshutter.video.frame_warper import MovingFrame, Warper
+    from unshutter.video.readout import camera_of_clip
 
-    time = _time_of(open_file, clip, options)
-    readout = Readout.parse(options.shutter.readout)
-    edges = "keep" if options.undo.edges in ("keep", "crop") else "fill"
-    warper = Warper(clip, replace(options.undo, model="camera", edges=edges))
-    start_s, end_s = options.span(clip.duration_s)
+    progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
+    time, black = _time_of(open_file, clip, options, progress), 0 if options.undo.edges in ("keep", "crop") else None
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
-    count = min(round(min(_FILM_S, end_s - first) / clip.interval_s), _FILM_FRAMES)
-    frames = islice(clip.iter_frames(first), max(count, 1))
-    for moving in with_motion(_request(open_file, clip, options), frames, time):
+    last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
+    part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
+    request = replace(_request(open_file, clip, options, progress), options=part)
+    gyro = camera_of_clip(request, time)[1] if options.steadiness.level else None
+    pipeline = Pipeline(request, time, unmoved=time.declined, gyro=gyro)
+    if options.steadiness.stabilize is not None:
+        pipeline = with_steady_views(pipeline)
+    warper, frames = Warper(clip, part.undo), round((last - first) / clip.interval_s)
+    for number, moving in enumerate(pipeline.moving()):
         if isinstance(moving, MovingFrame):
             scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
             height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))
             before = moving.frame.reformat(width, height, format="rgb24").to_ndarray()
-            motion = warper.motion(moving).resized(*readout.frame_size(height, width))
-            after = straighten(before, motion, edges).pixels
-            turned = [upright(each, moving.frame) for each in (before, after)]
-            yield np.concatenate(turned, axis=1)
+            after = np.empty_like(before)
+            for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
+                warp_plane(before, at, after[rows], black, 255)
+            yield np.concatenate([upright(each, moving.frame) for each in (before, after)], axis=1)
+            progress.note("film", min(number + 1, frames), frames)
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:

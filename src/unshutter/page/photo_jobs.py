@@ -97,7 +97,6 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any
         {
             "kind": each.kind,
             "direction": each.direction if each.kind == "pan" else None,
-            "description": each.description,
             "largest_px": round(motion.largest_px, 2),  # at the requested strength
             "probability": None if each.probability is None else round(each.probability, 4),
             "taken": taken == k,
@@ -235,7 +234,6 @@ def _motion_json(motion: Motion) -> dict[str, Any]:
     rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
     return {
         "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
-        "exposure_s": motion.exposure_s,
         "film": motion.film.as_json() if motion.film else None,
         "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
         "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
@@ -281,7 +279,8 @@ def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) ->
         motion = chosen(_candidates_of(open_file, photo, asked.find), asked.find.camera.candidate)
     if not options.hand:
         return motion, asked.undo
-    return _adjusted(motion, options.hand), _by_hand(asked.undo)
+    # lines that a person draws upright come out upright anyway
+    return _adjusted(motion, options.hand), replace(asked.undo, upright=None).at_any_confidence()
 
 
 def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, str | None]:
@@ -350,11 +349,6 @@ def _lines(text: str, photo: Photo) -> list[DrawnLine]:
         points = pixels_of(positions[::2], positions[1::2], (photo.width, photo.height), photo.orientation)
         lines.append(DrawnLine(kind, tuple(map(tuple, points.tolist()))))
     return lines
-
-
-def _by_hand(undo: Undo) -> Undo:
-    """Returns the options for a motion set by hand; lines that a person draws upright come out upright anyway."""
-    return replace(undo, upright=None).at_any_confidence()
 
 
 def _adjusted(motion: Motion, hand: ByHand) -> Motion:

@@ -98,7 +98,7 @@ class Saving:
         try:
             if isinstance(options, RectifyClip):
                 target = self._free_name(clip_result(open_file.name))
-                options = replace(options, only_changed=self.only_changed)
+                options = replace(options, only_changed=self.only_changed or self.to == "file")
                 report = await self._clip(desk, open_file, target, options)
                 is_whole = options.start is options.end is options.steadiness.stabilize is None
                 is_unchanged = self.to == "zip" and is_whole and not report["rectified"]

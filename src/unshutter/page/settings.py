@@ -27,7 +27,6 @@ LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 _MOST_MB = 100_000
 _PHOTO_MB, _CLIP_MB = 400, 4000  # one minute of 4K video from a phone takes about 400 MB
-_MOST_LEAN_DEG, _MOST_BEND_PERCENT, _MOST_TURN_DEG = 30, 20, 20
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 
@@ -89,29 +88,20 @@ class ByHand:
         names="word",
     )
     lean_deg: float | None = option(
-        None,
-        "How far sideways motion slants upright things, in degrees. Default: as estimated.",
-        limits=(-_MOST_LEAN_DEG, _MOST_LEAN_DEG),
+        None, "How far sideways motion slants upright things, in degrees. Default: as estimated.", limits=(-30, 30)
     )
     bend_percent: float | None = option(
-        None,
-        "How far it bends them, in percent of the lines that were read. Default: as estimated.",
-        limits=(-_MOST_BEND_PERCENT, _MOST_BEND_PERCENT),
+        None, "How far it bends them, in percent of the lines that were read. Default: as estimated.", limits=(-20, 20)
     )
     turn_deg: float | None = option(
-        None,
-        "How far the camera turned during readout, in degrees. Default: as estimated.",
-        limits=(-_MOST_TURN_DEG, _MOST_TURN_DEG),
+        None, "How far the camera turned during readout, in degrees. Default: as estimated.", limits=(-20, 20)
     )
 
     def __post_init__(self) -> None:
-        for name, value, most in (
-            ("lean", self.lean_deg, _MOST_LEAN_DEG),
-            ("bend", self.bend_percent, _MOST_BEND_PERCENT),
-            ("turn", self.turn_deg, _MOST_TURN_DEG),
-        ):
-            if value is not None and not abs(value) <= most:
-                raise UsageError(f"the {name} must lie between -{most} and {most}, got {value:g}")
+        for name, limits in ((each.name, each.limits) for each in options_of(ByHand)):
+            value = getattr(self, name.replace("-", "_"))
+            if limits and value is not None and not limits[0] <= value <= limits[1]:
+                raise UsageError(f"the {name[:4]} must lie between {limits[0]} and {limits[1]}, got {value:g}")
 
     def __bool__(self) -> bool:
         return self != ByHand()

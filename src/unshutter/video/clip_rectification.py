@@ -95,7 +95,7 @@ def rectify_clip_file(
         height, width = pipeline.request.frame_size
         result.lens_degrees = result.lens.degrees(width / height)
     if options.steadiness.stabilize is not None:
-        pipeline = _with_steady_views(pipeline)
+        pipeline = with_steady_views(pipeline)
         result.stabilisation = pipeline.stabilisation
     if pipeline.stabilisation is not None and not pipeline.stabilisation.is_idle:
         film = replace(film, may_be_copy=False)
@@ -183,7 +183,7 @@ def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: Reado
     return pipeline
 
 
-def _with_steady_views(pipeline: Pipeline) -> Pipeline:
+def with_steady_views(pipeline: Pipeline) -> Pipeline:
     """Returns the steps for stabilising a clip, after a first pass that determines the camera's path."""
     request, options = pipeline.request, pipeline.request.options
     turns = _level_turns(pipeline.gyro) if options.steadiness.level else None

@@ -37,13 +37,13 @@ export class Advice {
     }
     if (result.changed || photo.byHand || options.strength === "0" || "candidate" in options) return lines;
     if (NOT_LIKELY.includes(result.code)) return lines;
-    const tried = options["min-confidence"] === "0" ? words.triedAnyway : options.moving && words.triedWay(options.moving);
-    lines.push(make("p", {}, tried || words.declined));
+    const anyway = options["min-confidence"] === "0";
+    const tried = anyway || options.moving;
+    lines.push(make("p", {}, tried ? words.tried(options.moving, anyway, photo.candidates.length > 1) : words.declined));
     const ways = ["left", "right", "yes"].filter((way) => way !== options.moving);
-    lines.push(make("div", { class: "row" }, make("span", {}, words.adviceWay),
-      ...ways.map((way) => make("button", { type: "button", id: `advice-${way}`, onclick: () => this.on.moving(way) }, words.ways[way]))));
-    const offers = [];
-    if (result.cause === "not sure" && options["min-confidence"] !== "0") offers.push(this.#offer("adviceAnyway", this.on.anyway));
+    const offers = [make("span", {}, words.adviceWay),
+      ...ways.map((way) => make("button", { type: "button", id: `advice-${way}`, onclick: () => this.on.moving(way) }, words.ways[way]))];
+    if (result.cause === "not sure" && !anyway) offers.push(this.#offer("adviceAnyway", this.on.anyway));
     if (!Object.keys(photo.neighbours).length) offers.push(this.#offer("adviceNeighbour", this.on.neighbour));
     offers.push(this.#offer("adviceByHand", this.on.byHand));
     lines.push(make("div", { class: "row" }, ...offers));

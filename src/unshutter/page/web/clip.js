@@ -1,11 +1,15 @@
 // A clip on the page: some moments of it are looked at, before and after, and then the whole of it is saved.
 
-import { factsIn } from "./api.js";
+import { factsIn, Refused } from "./api.js";
 import { Opened } from "./opened.js";
+import { pace } from "./saving.js";
+import { words } from "./words.js";
 
 const ENDINGS = /\.(3g2|3gp|avi|lrv|m2ts|m4v|mkv|mov|mp4|mpe?g|mts|mxf|ts|webm|wmv)$/i;
 const SMALL = 320;
 const PART = ["start", "end"]; // options that say which part of the clip is kept
+const SEARCHED = [...PART, "readout-ms", "readout-ratio", "camera"]; // options that the search for the readout time goes by
+const LOOK_MS = 500; // between looks at how far it is
 
 export const isClip = (file) => file.type.startsWith("video/") || ENDINGS.test(file.name);
 
@@ -16,17 +20,21 @@ export class Clip extends Opened {
   film = null; // before and after, moving
   filming = false; // whether that is being made
   readout = null; // what is known of the camera's readout time
+  doing = { share: 0, left: "" }; // how far the search for it is, or the film, and how long that still takes
   #drawing = null; // the small pictures that are on their way
+  #work = new AbortController(); // of what the program does now
+  #cancelled = false;
 
   constructor(file) {
     super(file, "/api/clips");
   }
 
-  // Brings the pictures of the moment to the wanted size. In the background no motion is looked for: that takes long.
+  // Brings the pictures of the moment to the wanted size: the frame at once, a first look with the usual readout time, and
+  // what the clip's own gives. In the background no motion is looked for: that takes long.
   async show(longest, later, part = "both") {
     const [pictures, moment] = [this.pictures, this.moment];
-    const fetch = async (which) => {
-      const answer = await this.#ask(which, { moment, longest, ...(later ? { later: 1 } : {}) });
+    const fetch = async (which, more = later ? { later: 1 } : {}) => {
+      const answer = await this.#ask(which, { moment, longest, ...more });
       pictures[which] = { blob: await answer.blob(), longest };
       if (pictures === this.pictures) this[which === "before" ? "facts" : "result"] = factsIn(answer);
       this.tell();
@@ -41,13 +49,55 @@ export class Clip extends Opened {
     }
     if (later) return this.become("opened");
     try {
-      this.readout = await (await this.#ask("readout")).json();
+      if (this.#cancelled) throw new Refused(0, words.stopped);
+      if (!this.readout) {
+        await fetch("after", { usual: 1 }).catch((error) => this.#unlessRefused(error)); // the search says what is wrong
+        this.readout = await this.#followed("readout time", async () => (await this.#ask("readout")).json());
+      }
       await fetch("after");
       this.become("done");
     } catch (error) {
-      this.readout = null;
-      this.fail(error, "asking"); // the clip can be read: it is the settings that do not do
+      const failure = this.#cancelled ? new Refused(0, words.stopped) : error;
+      if (failure instanceof Refused) this.readout = this.result = this.pictures.after = null;
+      this.fail(failure, "asking"); // the clip can be read: it is the settings that do not do
     }
+  }
+
+  #unlessRefused(error) {
+    if (!(error instanceof Refused)) throw error;
+  }
+
+  // The answer to a question that takes long; until it comes, looks how far it is.
+  async #followed(goal, asked) {
+    const tell = pace(goal);
+    const look = async () => {
+      this.doing = tell(await (await this.#ask("progress")).json());
+      this.tell();
+    };
+    this.doing = tell(null);
+    const looking = setInterval(() => look().catch(() => {}), LOOK_MS); // it may end meanwhile
+    try {
+      return await asked();
+    } finally {
+      clearInterval(looking);
+    }
+  }
+
+  // Stops what the program does for the clip.
+  stop() {
+    this.#work.abort();
+    this.#work = new AbortController();
+    this.#drawing = null;
+  }
+
+  cancel() {
+    this.#cancelled = !this.filming; // then the search is not begun again by itself
+    this.stop();
+  }
+
+  forget() {
+    this.stop();
+    super.forget();
   }
 
   // A short film of what is done around the moment that is shown.
@@ -56,7 +106,7 @@ export class Clip extends Opened {
     this.filming = true;
     this.tell();
     try {
-      const film = await (await this.#ask("film", { moment })).blob();
+      const film = await this.#followed("film", async () => (await this.#ask("film", { moment })).blob());
       if (wishes === this.wishes && moment === this.moment) this.film = film;
     } finally {
       this.filming = false;
@@ -70,11 +120,17 @@ export class Clip extends Opened {
     this.moment = moment;
     this.film = null;
     this.#clear();
+    if (this.smalls[moment]) this.pictures.before = { blob: this.smalls[moment], longest: SMALL }; // until the larger one is there
   }
 
   set(name, value) {
     super.set(name, value);
     this.film = null; // which shows what was asked for before
+    if (SEARCHED.includes(name)) {
+      this.readout = null;
+      this.#cancelled = false;
+      this.stop();
+    }
     if (!PART.includes(name)) return;
     this.smalls = []; // the moments are others now
     this.#clear();
@@ -90,7 +146,7 @@ export class Clip extends Opened {
   }
 
   #ask(what, more = {}) {
-    return this.askFor(what, async () => ({ ...this.options, ...more }));
+    return this.askFor(what, async () => (what === "progress" ? {} : { ...this.options, ...more }), this.#work.signal);
   }
 
   async #drawSmall() {
@@ -98,9 +154,9 @@ export class Clip extends Opened {
     if (smalls === this.#drawing) return;
     this.#drawing = smalls;
     for (const moment of this.facts.moments_s.keys()) {
-      const answer = await this.#ask("before", { moment, longest: SMALL, later: 1 }).catch(() => null);
-      if (!answer || smalls !== this.smalls) return;
-      smalls[moment] = await answer.blob();
+      const blob = await this.#ask("before", { moment, longest: SMALL }).then((answer) => answer.blob()).catch(() => null);
+      if (!blob || smalls !== this.smalls) return;
+      smalls[moment] = blob;
       this.tell();
     }
   }

@@ -42,8 +42,9 @@ export class ClipControls {
   show(clip) {
     const asking = clip.state === "asking";
     if (clip !== this.clip) this.unit.field.value = unitOf(clip.options);
-    else if (asking && this.unit.field.value === "find") this.unit.field.value = "ms"; // which it needs
+    else if (asking && this.state !== "asking" && this.unit.field.value === "find") this.unit.field.value = "ms"; // which it needs
     this.clip = clip;
+    this.state = clip.state;
     const { options, readout, state } = clip;
     for (const each of this.shown) each.show(options);
     this.edges.field.querySelector("[value=borrow]").hidden = options.model !== "dense";
@@ -96,10 +97,11 @@ export class ClipControls {
 const unitOf = (options) => Object.keys(UNITS).find((unit) => UNITS[unit] in options) ?? "find";
 
 // What was done at the moment that is shown, a sentence each.
-function sentences({ state, result, error, options, facts }) {
+function sentences({ state, result, error, options, facts, readout }) {
   if (state === "asking") return [words.sentence(error), words.sayReadout];
   if (!result || !facts) return [];
   const said = [result.changed ? words.clipMoved(result.largest_px) : words.clipAlone(words.why(result))];
+  if (!readout) said.push(words.clipFirst);
   if (options.strength === "0") said.splice(0, 1, words.clipStrength0);
   if (result.edges === "crop") said.push(words.clipCrop);
   said.push(words.clipIs(words.time(facts.duration_s), facts.width, facts.height, facts.fps));

@@ -168,7 +168,6 @@ function sentences(photo) {
   const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };
   if (roll !== null || tilt !== null) said.push(words.heldSo(roll, tilt, from));
   if (result.film) said.push(words.filmUnused(words.why(result.film)));
-  if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   const nodes = said.map((line) => make("p", {}, line));
   const sure = result.changed && !result.code && !photo.byHand ? result.certainty : "";
   if (sure === "unsure") nodes.push(make("p", { class: "quiet" }, words.unsureHelp));

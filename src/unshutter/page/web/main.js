@@ -46,8 +46,8 @@ function take(files) {
 function show(photo) {
   strip.select(photo);
   view.show(photo);
-  scrollTo(0, 0); // on a phone, the page is longer than the screen
   arrange();
+  scrollTo(0, matchMedia("(max-height: 30em)").matches ? by("viewer").offsetTop : 0); // on a phone, the page is longer than the screen
 }
 
 function close(photo) {

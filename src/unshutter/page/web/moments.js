@@ -12,6 +12,7 @@ export class Moments extends PictureRow {
       label: words.momentAt(words.time(time)),
       pressed: number === clip.moment,
       blob: clip.smalls[number],
+      coming: clip.state === "finding",
     })));
   }
 }

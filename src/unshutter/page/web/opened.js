@@ -58,11 +58,11 @@ export class Opened extends EventTarget {
   }
 
   // The answer to a question about this file; sends it anew if the program has forgotten it.
-  async askFor(what, asked) {
+  async askFor(what, asked, signal) {
     for (;;) {
       await this.send();
       try {
-        return await ask(`${this.address}/${this.id}/${what}?${query(await asked())}`);
+        return await ask(`${this.address}/${this.id}/${what}?${query(await asked())}`, { signal });
       } catch (error) {
         if (!(error instanceof Refused) || error.status !== 404) throw error;
         this.lose();
@@ -103,6 +103,7 @@ export class Opened extends EventTarget {
   }
 
   fail(error, state = "failed") {
+    if (error.name === "AbortError") return; // it is asked for again, or closed
     if (!(error instanceof Refused)) throw error;
     this.error = error.message;
     this.become(state);

@@ -16,17 +16,18 @@ export class PictureRow {
     this.buttons = [];
   }
 
-  // Shows buttons of a subject: [{lines, label, title, pressed, blob, crop, chance}]; none: nothing.
+  // Shows buttons of a subject: [{lines, label, title, pressed, blob, crop, chance, coming}]; none: nothing.
   show(subject, choices) {
     this.node.hidden = !choices.length;
     if (subject !== this.#subject || this.buttons.length !== choices.length) this.#fill(subject, choices);
-    choices.forEach(({ lines, label, title, pressed, blob, crop, chance = null }, number) => {
+    choices.forEach(({ lines, label, title, pressed, blob, crop, chance = null, coming = false }, number) => {
       const { button, canvas, said } = this.buttons[number];
       const bar = chance === null ? [] : [make("meter", { value: chance.toFixed(2), "aria-hidden": "true" })];
       refill(said, [...lines.map((line) => make("span", { class: "title" }, line)), ...bar]);
       if (label) button.setAttribute("aria-label", label);
       button.setAttribute("aria-pressed", pressed);
       button.title = title ?? "";
+      button.classList.toggle("coming", coming);
       if (blob && blob !== this.#drawn[number]) paint(canvas, (this.#drawn[number] = blob), SIDE, crop);
     });
   }

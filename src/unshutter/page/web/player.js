@@ -20,18 +20,29 @@ export class Player {
       this.video.pause();
       this.video.currentTime = this.place.value * (this.video.duration || 0);
     });
+    this.bar = make("progress", { "aria-label": words.progress });
     this.said = make("span", { role: "status" });
-    node.replaceChildren(this.button, this.place, this.said);
+    this.left = make("span", { class: "quiet" });
+    this.cancel = make("button", { type: "button", id: "clip-cancel", onclick: () => this.clip.cancel() }, words.cancel);
+    node.replaceChildren(this.button, this.place, this.bar, this.said, this.left, this.cancel);
     for (const name of ["play", "pause", "ended"]) this.video.addEventListener(name, () => this.#label());
     for (const name of ["loadeddata", "seeked"]) this.video.addEventListener(name, () => this.#draw());
     this.node = node;
   }
 
-  // Shows the controls of a clip; of a photo, none. The film is gone once the clip has another, or none.
+  // Shows the controls of a clip, and how far its motion or film is; of a photo, none. The film is gone once the clip has
+  // another, or none.
   show(clip) {
-    this.node.hidden = clip.kind !== "clip" || clip.state !== "done";
-    this.said.textContent = clip.filming ? words.filming : "";
-    this.button.disabled = Boolean(clip.filming);
+    this.clip = clip;
+    this.node.hidden = clip.kind !== "clip" || !["finding", "done"].includes(clip.state);
+    const busy = clip.state === "finding" || clip.filming;
+    this.said.textContent = !busy ? "" : clip.filming ? words.filming : words.searching;
+    this.left.textContent = busy ? clip.doing?.left ?? "" : "";
+    this.bar.hidden = !busy;
+    this.cancel.hidden = !busy || !clip.facts; // × closes it before
+    if (clip.doing?.share) this.bar.value = clip.doing.share;
+    else this.bar.removeAttribute("value");
+    this.button.hidden = Boolean(busy);
     if (clip.film !== this.#film) this.#load(clip.film ?? null);
   }
 

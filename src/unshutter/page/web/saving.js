@@ -77,18 +77,35 @@ async function saveMany(photos, to, notice, onlyChanged = false) {
   }
 }
 
-// Shows how many are done, of a clip at work how many frames, and how long it still takes: one bar from start to end.
-export function watch() {
-  const began = performance.now();
-  let passes = 1; // over the frames of a clip: for some options all are looked at first
+// Stages of work on a clip -> seconds a step, and how many steps are usual before they are counted.
+const STEPS = { gyro: [0.5, 12], "readout time": [0.01, 500], looking: [0.03, 300], film: [0.02, 240], frames: [0.03, 300] };
+
+// Says of what the program notes how much of the work on a clip is done, and how long the rest takes: one share from start to
+// end, which never falls, though the stages are many. goal: the last of them.
+export function pace(goal) {
+  let [share, past, last, began] = [0, 0, null, null];
+  const cost = (what, total = STEPS[what][1]) => STEPS[what][0] * total;
+  return (now) => {
+    if (!(now?.what in STEPS) || !now.total) return { share, left: "" };
+    if (last && (last.what !== now.what || now.done < last.done)) past += cost(last.what, last.total);
+    last = now;
+    const own = cost(now.what, now.total);
+    const coming = now.what === goal ? 0 : now.what === "looking" ? own : cost(goal) + (goal === "frames" ? cost("looking") : 0);
+    share = Math.max(share, (past + own * Math.min(now.done / now.total, 1)) / (past + own + coming));
+    began ??= [performance.now() / 1000, share];
+    const [elapsed, done] = [performance.now() / 1000 - began[0], share - began[1]];
+    return { share, left: elapsed > 2 && done > 0.02 ? words.left((elapsed * (1 - share)) / done) : "" };
+  };
+}
+
+// Shows how many are done, of a clip at work how many frames, and how long that still takes.
+function watch() {
+  let [files, own] = [0, pace("frames")];
   return ({ done, total, now }) => {
-    if (now?.what === "looking") passes = 2;
-    const pass = now?.done && now.what !== "readout time" ? Math.min(now.done / now.total, 1) : 0;
-    const share = (done.length + (now?.what === "frames" ? passes - 1 + pass : pass) / passes) / total;
-    const elapsed = (performance.now() - began) / 1000;
-    const left = share > 0.02 && elapsed > 2 ? words.left((elapsed * (1 - share)) / share) : "";
-    by("saving-words").textContent = [total > 1 || !now ? words.saving(done.length, total) : "", now ? words.making(now) : "", left].filter(Boolean).join(" · ");
-    if (share) by("saving-bar").value = share;
+    if (done.length !== files) [files, own] = [done.length, pace("frames")];
+    const { share, left } = own(now);
+    by("saving-words").textContent = [total > 1 || !now ? words.saving(files, total) : "", now ? words.making(now) : "", left].filter(Boolean).join(" · ");
+    if (files + share) by("saving-bar").value = (files + share) / total;
     else by("saving-bar").removeAttribute("value"); // nobody knows yet
   };
 }
@@ -103,6 +120,7 @@ async function ended(saving, notice) {
     await download(await ask(`/api/saves/${saving.id}/file`));
   }
   const clip = saving.total === 1 && count === 1 && saving.done[0].frames !== undefined;
-  if (!count && !failed.length) return notice(words.noneChanged);
+  const [{ name, declined }] = saving.done;
+  if (!count && !failed.length) return notice(saving.to === "file" && declined?.length ? words.clipUnchanged(name, words.why(declined[0])) : words.noneChanged);
   notice(clip ? words.clipSaved(saving.done[0]) : words.saved(count, failed));
 }

@@ -220,7 +220,9 @@ export class Stage {
 
   #fit() {
     if (!this.#size || !this.stage.clientWidth) return;
-    const sides = this.#shownSize.map((side) => side * this.#fitting() * this.#zoom);
+    const [across, down] = this.#shownSize;
+    document.documentElement.style.setProperty("--aspect", across / down); // a phone leaves no more room than that takes
+    const sides = [across, down].map((side) => side * this.#fitting() * this.#zoom);
     const room = [this.stage.clientWidth, this.stage.clientHeight];
     this.#shift = this.#shift.map((shift, k) => {
       const most = Math.max((sides[k] - room[k]) / 2, 0);

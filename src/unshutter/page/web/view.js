@@ -108,7 +108,8 @@ export class View {
     by("panel").hidden = kind !== "photo" || state === "failed";
     by("clip-panel").hidden = kind !== "clip";
     const failed = state === "failed" && !inPicture; // what is asked for is said in the panel
-    by("working").textContent = ["done", "asking"].includes(state) || inPicture ? "" : failed ? this.current.error : stateOf(this.current);
+    const quiet = ["done", "asking"].includes(state) || inPicture || (kind === "clip" && state === "finding"); // which its bar says
+    by("working").textContent = quiet ? "" : failed ? this.current.error : stateOf(this.current);
     by("working").classList.toggle("wrong", failed);
   }
 
@@ -177,7 +178,7 @@ export class View {
     try {
       await clip.play();
     } catch (error) {
-      this.on.notice(words.error(clip.name, error.message));
+      if (error.name !== "AbortError") this.on.notice(words.error(clip.name, error.message));
     }
   }
 

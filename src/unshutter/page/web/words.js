@@ -5,7 +5,7 @@ import { count, percent, pixels, reasons } from "./reasons.js";
 export { percent, reasons };
 
 const probability = (share) => (share < 0.01 ? "< 1 %" : share > 0.99 ? "> 99 %" : percent(share));
-const POSSIBLE = 0.1; // probability of a motion that is still called possible
+const [POSSIBLE, LIKELY] = [0.1, 0.5]; // least probabilities of a motion that is called so
 export const LEAST_PX = 0.5; // less than this looks like no motion
 const spanOf = ([low, high]) => (low === high ? "" : ` (${low.toFixed(1)} to ${high.toFixed(1)} ms)`);
 const downloads = "the downloads of your browser";
@@ -69,7 +69,7 @@ export const words = {
   confidence: (sure) => `The result is closer to the truth than the photo with a probability of ${percent(sure)}`,
   alone: "left unchanged",
 
-  clipState: { finding: "looking at the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
+  clipState: { finding: "finding the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
   clipStateSaved: "saved",
 
   // what was done
@@ -93,12 +93,13 @@ export const words = {
   filmUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
 
   // a photo that was left unchanged, and what may help
-  declined: "What leans here may be perspective, or the camera was held askew. If it is neither, say what you know, or straighten it by hand.",
-  triedWay: (way) => `Tried as if the camera moved${{ left: " to the left", right: " to the right", up: " upwards", down: " downwards", yes: "" }[way]}: `
-    + "that gives no clear answer either. What leans may be perspective; by hand you decide yourself.",
-  triedAnyway: "Tried at any confidence: no motion was found at all. What leans may be perspective; by hand you decide yourself.",
+  declined: "If something leans here, it may be perspective, or a camera held askew. If it is neither, say what you know, or straighten it by hand.",
+  tried: (way, anyway, more) => "Tried"
+    + (way ? ` as if the camera moved${{ left: " to the left", right: " to the right", up: " upwards", down: " downwards", yes: "" }[way]}` : "")
+    + `${anyway ? `${way ? "," : ""} at any confidence: still no motion was found.` : ": the photo still does not show it clearly."} `
+    + (more ? "If one of the small pictures looks right, take it; or straighten the photo by hand." : "If something still leans, straighten it by hand."),
   adviceWay: "Which way did the camera move?",
-  ways: { left: "← to the left", right: "to the right →", yes: "It moved somehow" },
+  ways: { left: "← left", right: "right →", yes: "It moved somehow" },
   adviceAnyway: "Straighten it even if unsure",
   adviceNeighbour: "Add the frame before or after…",
   adviceByHand: "By hand…",
@@ -115,7 +116,7 @@ export const words = {
     ? { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" }[direction]
     : { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" }[kind],
   candidateFigures: ({ largest_px: px, probability: share }, likeliest) => {
-    const chance = share === null ? "" : share === likeliest ? "likeliest" : share < POSSIBLE ? "less likely" : "possible";
+    const chance = share === null ? "" : share === likeliest ? "likeliest" : share < POSSIBLE ? "less likely" : share < LIKELY ? "possible" : "likely";
     return [px < LEAST_PX ? "" : pixels(px), chance].filter(Boolean).join(" · ");
   },
   candidateHelp: ({ probability: share }) => "How far places would move"
@@ -155,7 +156,6 @@ export const words = {
     if (tilt !== null) parts.push(`tilted ${Math.abs(tilt).toFixed(1)}° ${tilt < 0 ? "down" : "up"}`);
     return `The camera was held ${parts.join(" and ")} (${from === "given" ? "as you say" : from}).`;
   },
-  exposed: (s) => `Each row was exposed for ${s < 0.3 ? `1/${Math.round(1 / s)}` : s.toFixed(1)} s.`,
 
   // controls
   settings: "Corrections",
@@ -175,7 +175,7 @@ export const words = {
     upright: { "": "as it was taken", level: "level", full: "level, verticals parallel" },
     edges: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
     format: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
-    model: { "": "as the frames show", camera: "alike: only the camera turned", dense: "differently" },
+    model: { "": "as the frames show", camera: "alike", dense: "differently" },
     subsampling: { "": "like the original" },
     "clip-edges": { fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
   },
@@ -256,14 +256,18 @@ export const words = {
   play: "Play before and after",
   pause: "Pause",
   playAt: "Place in the film",
-  filming: "Making a short film of the seconds around this moment…",
+  filming: "Making a short film of the seconds around this moment",
+  searching: "Finding the readout time and the motion",
+  progress: "Progress",
+  stopped: "the search for the readout time was cancelled",
+  clipFirst: "This is a first look, with the readout time that is usual for such a camera.",
   saveClip: "Save this clip",
   clipNotYet: "There is nothing to save until the readout time of the clip is known.",
   clipMoved: (px) => `At this moment, some places moved by up to ${pixels(px)}.`,
   clipAlone: (reason) => `This moment is left unchanged${reason ? `: ${reason}` : ""}.`,
   clipStrength0: "The clip is left unchanged, as you asked.",
   clipOnlySaved: {
-    stabilize: "Only the saved clip is stabilised: the moments and the film here do not show it.",
+    stabilize: "“Play before and after” shows it; single moments do not.",
     model: "Only in the saved clip do near and far move differently: the moments and the film here show the camera’s motion alone.",
   },
   clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",
@@ -286,13 +290,15 @@ export const words = {
   clipToAll: "Use these settings for all clips",
   clipToAllDone: "All clips have these settings now.",
   making: ({ name, what, done, total }) => {
-    const doing = { looking: "looking for what all frames saw", "readout time": "finding the readout time" }[what];
-    if (what === "waiting" || !done) return `${name}: ${doing ?? "waiting"}…`;
+    const doing = { looking: "looking at all frames first", "readout time": "finding the readout time", gyro: "reading the gyro log" }[what];
+    if (what === "waiting") return `${name}: waiting…`;
+    if (!doing && !done) return `${name}: starting…`;
     return doing ? `${name}: ${doing}…` : `${name}: frame ${done} of ${total}`;
   },
   clipSaved: ({ name, frames, rectified, left_out: lost }) =>
     `${name}: saved to ${downloads}, ${rectified} of ${count(frames, "frame", "frames")} straightened`
     + `${rectified < frames ? ", the others left unchanged" : ""}.${lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : ""}`,
+  clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [
     ["← →", "move the divider, if it is selected"],
     ["J, K", "next, previous"],
