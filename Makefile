@@ -28,8 +28,8 @@ PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 .PHONY: demo paper test test-newest test-lowest fuzz lint prose types docs layers bench results release-check clean dev dev-newest
 
 demo: $(NEWEST)/core  ## rectify the photo that the repository ships, with what users get from pip
-	$(NEWEST)/bin/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
-	@echo "Look at examples/demo.jpg and examples/demo.rectified.jpg"
+	$(NEWEST)/bin/unshutter rectify src/unshutter/page/web/sample.jpg -o examples/demo.rectified.jpg --overwrite
+	@echo "Look at src/unshutter/page/web/sample.jpg and examples/demo.rectified.jpg"
 
 paper: $(ENV)/dev  ## the same photo by the network of the paper that unshutter implements
 	$(BIN)/unshutter rectify examples/demo.jpg --estimator kandula2020 -o examples/demo.paper.jpg --overwrite --edges crop \

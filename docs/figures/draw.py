@@ -38,14 +38,14 @@ def conventions() -> None:
 
 
 def before_after() -> None:
-    """The demo photo and what `make demo` makes of it, side by side."""
+    """The sample of the page and what `make demo` makes of it, side by side."""
     import unshutter
     from unshutter.photo import Photo
 
-    demo = HERE.parent.parent / "examples" / "demo.jpg"
-    after = unshutter.rectify(demo, edges="crop").photo.image
-    both = Photo.open(demo).image.join(after, "horizontal", expand=True, shim=10, background=255, align="centre")
-    both.jpegsave(str(HERE / "before_after.jpg"), Q=88)
+    sample = HERE.parent.parent / "src" / "unshutter" / "page" / "web" / "sample.jpg"
+    after = unshutter.rectify(sample).photo.image
+    both = Photo.open(sample).image.join(after, "horizontal", expand=True, shim=14, background=255, align="centre")
+    both.resize(0.7).jpegsave(str(HERE / "before_after.jpg"), Q=85)
 
 
 def burst() -> None:
