@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support import clips
+from unshutter.cli import main
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix
-from unshutter.options.clip_options import RectifyClip, Shutter
+from unshutter.options.clip_options import RectifyClip, Shutter, Steadiness
 from unshutter.orientation import Readout
 from unshutter.video.clip import ClipRequest
+from unshutter.video.frame_map import StraightView
 from unshutter.video.lenses import lens_of_file, lens_of_tracks, named_lenses, table
 
 K = [0.04, 0.01, -0.006, 0.002]
@@ -126,3 +129,59 @@ def test_table_holds_lenses():
     wide = [each for each in named_lenses("gopro hero7 black wide") if each.width == 3840]
     assert wide and all(100 < each.degrees < 150 for each in wide)
     assert replace(wide[0], lens="").name == "GoPro HERO7 Black"
+
+
+# ---- lines made straight -------------------------------------------------------------------------------------------
+
+BENT = Lens(300 / 360, (0.05, 0.012, -0.01, 0.003))
+
+
+def grid(lens, focal):
+    """A wall of squares, seen by a camera that stands still: through a lens, or one of this focal length [heights]."""
+    row, col = np.mgrid[:360, :640]
+    x, y = (col - 319.5) / 360, (row - 179.5) / 360
+    if lens is None:
+        x, y = x / focal, y / focal
+    else:
+        x, y, z = lens.direction(x / lens.focal, y / lens.focal)
+        x, y = x / z, y / z
+    return (127.5 + 100 * np.tanh(4 * np.sin(16 * x) * np.sin(16 * y))).astype(np.uint8)
+
+
+def calibration(folder):
+    file = folder / "lens.json"
+    fisheye = {"camera_matrix": [[300, 0, 319.5], [0, 300, 179.5], [0, 0, 1]], "distortion_coeffs": BENT.k}
+    file.write_text(json.dumps({"calib_dimension": {"w": 640, "h": 360}, "fisheye_params": fisheye}))
+    return str(file)
+
+
+@pytest.mark.parametrize("flags", [(), ("--only-changed",), ("--model", "dense", "--readout-ms", "20")])
+def test_lines_become_straight(tmp_path, capsys, flags):
+    """Also where the camera stood still; nothing of the border shows."""
+    clip = clips.write(tmp_path / "in.mkv", 12 * [grid(BENT, None)], "ffv1", "gray")
+    words = ["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--lens", calibration(tmp_path), "--straight-lines"]
+    assert main([*words, "--edges", "keep" if not flags else "fill", *flags]) == 0
+    view = StraightView.of(BENT, Readout.TOP_TO_BOTTOM, 640 / 360)
+    assert f"lens file; straight now, {view.degrees(640 / 360):.0f} degrees" in capsys.readouterr().err
+    before, after, true = (clips.luma(clip)[6], clips.luma(tmp_path / "out.mkv")[6], grid(None, view.focal))
+    assert clips.psnr(after, true) > 30 > 15 > clips.psnr(before, true)
+
+
+def test_the_view_is_as_wide_as_the_border_allows():
+    view = StraightView.of(BENT, Readout.TOP_TO_BOTTOM, 640 / 360)
+    col, row = (each.ravel() for each in np.meshgrid([0, 319.5, 639], [0, 179.5, 359]))
+    seen = np.stack(view.looks(col, row, 360, 640))
+    assert (
+        (seen >= -0.5).all() and (seen <= [[639.5], [359.5]]).all() and np.abs(seen[:, 4] - [319.5, 179.5]).max() < 1e-6
+    )
+    assert min(seen[0].min(), seen[1].min()) < 4  # and hardly less
+    assert StraightView.of(Lens(0.5, (0.0,) * 4), Readout.TOP_TO_BOTTOM, 16 / 9).degrees(16 / 9) < 120.1
+
+
+def test_lines_are_not_straightened_without_a_lens(tmp_path, capsys):
+    clip = clips.write(tmp_path / "in.mkv", clips.standing(12), "ffv1", "gray")
+    assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--straight-lines"]) == 1
+    shown = capsys.readouterr().err.splitlines()
+    assert len([line for line in shown if "name one with --lens" in line]) == 1 and not (tmp_path / "out.mkv").exists()
+    with pytest.raises(UsageError, match="stabilise the straightened clip"):
+        RectifyClip(straight_lines=True, steadiness=Steadiness(2.0))

@@ -115,10 +115,11 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         yield _steady_line(outcome.stabilisation)
     if outcome.ratio.declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
         yield "unshutter: to straighten it anyway, give its readout time: --readout-ms"
-    if outcome.lens is not None and outcome.rectified:
+    if outcome.lens is not None and (outcome.rectified or outcome.straight_degrees):
+        now = f"; straight now, {outcome.straight_degrees:.0f} degrees" if outcome.straight_degrees else ""
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
         view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
-        yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}"
+        yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}{now}"
     if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:

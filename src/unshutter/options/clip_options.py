@@ -210,6 +210,9 @@ class RectifyClip:
         names="output",
         page=False,
     )
+    straight_lines: bool = option(
+        False, "Also straighten the lines that a wide lens bends. The lens must be known.", page=False
+    )
     only_changed: bool = option(False, "Write nothing if no frame changes. Default: copy the clip.", page=False)
     overwrite: bool = option(False, "Replace existing output files, but never the clip itself.", page=False)
     json_log: Path | None = option(
@@ -230,6 +233,8 @@ class RectifyClip:
             raise UsageError(
                 "--level needs the clip's gyro log, which a motion file does not contain: leave out --motion"
             )
+        if self.straight_lines and self.steadiness.stabilize is not None:
+            raise UsageError("--straight-lines cannot be combined with --stabilize: stabilise the straightened clip")
         start, end = self.start or 0.0, math.inf if self.end is None else self.end
         if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
             raise UsageError("--start must be 0 or later, and --end after it, in seconds")
@@ -240,7 +245,7 @@ class RectifyClip:
     def may_be_copy(self) -> bool:
         """Whether a clip in which nothing changes can be copied: no part, encoding or second output is asked for."""
         whole = self.start is None and self.end is None and self.encode == Encode()
-        return whole and self.save_motion is self.plot is None
+        return whole and self.save_motion is self.plot is None and not self.straight_lines
 
     def span(self, duration_s: float) -> tuple[float, float]:
         """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute."""

@@ -63,6 +63,7 @@ def rectify_clip(
     save_motion: str | Path | None = None,
     preview: str | Path | None = None,
     plot: str | Path | None = None,
+    straight_lines: bool = False,
     only_changed: bool = False,
     overwrite: bool = False,
     json_log: str | Path | None = None,

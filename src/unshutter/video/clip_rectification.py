@@ -37,6 +37,7 @@ from unshutter.video.clip import Clip, ClipRequest, SidePacket, ahead
 from unshutter.video.clip_gyro import ClipGyro
 from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import FilmWriter, RateCallback, fitted, holds_covers, start_of, writing
+from unshutter.video.frame_map import StraightView
 from unshutter.video.frame_warper import (
     ROWS,
     LinkedFrame,
@@ -91,9 +92,12 @@ def rectify_clip_file(
     pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
     result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
     result.after_killed_run, result.gyro, result.lens = after_killed_run, pipeline.gyro, pipeline.request.lens
+    height, width = pipeline.request.frame_size
     if result.lens is not None:
-        height, width = pipeline.request.frame_size
         result.lens_degrees = result.lens.degrees(width / height)
+    if options.straight_lines:
+        pipeline = replace(pipeline, straight=_straight_view(pipeline.request))
+        result.straight_degrees = pipeline.straight and pipeline.straight.degrees(width / height)
     if options.steadiness.stabilize is not None:
         pipeline = with_steady_views(pipeline)
         result.stabilisation = pipeline.stabilisation
@@ -183,6 +187,17 @@ def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: Reado
     return pipeline
 
 
+def _straight_view(request: ClipRequest) -> StraightView:
+    """Returns the view in which lines are straight; raises UnshutterError if the lens is unknown."""
+    if request.lens is None:
+        raise UnshutterError(
+            "{clip} shows no lens that bends lines, and none is known for its camera: name one with --lens",
+            clip=request.clip.path,
+        )
+    height, width = request.frame_size
+    return StraightView.of(request.lens, request.readout, width / height)
+
+
 def with_steady_views(pipeline: Pipeline) -> Pipeline:
     """Returns the steps for stabilising a clip, after a first pass that determines the camera's path."""
     request, options = pipeline.request, pipeline.request.options
@@ -239,16 +254,24 @@ class Pipeline:
     gyro: ClipGyro | None = None  # the clip's gyro log; None if it has none
     # the frames' views and motion from a first pass; None if the camera's path is left unchanged
     stabilisation: Stabilisation | None = None
+    straight: StraightView | None = None  # the view in which lines are straight; None if the lens is kept
 
     def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
         """Yields the frames with their motion; with ``all_streams``, also the packets of the other streams."""
         clip, options = self.request.clip, self.request.options
         items = clip.items(options.start, options.end, all_streams)
+        if self.straight is not None:
+            return self._straightened(replace(self, straight=None).moving(all_streams))
         if self.stabilisation is not None or self.unmoved is not None or self.file_motion is not None:
             return self._with_known_motion(items)
         whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
         moving = with_motion(self.request, items, self.ratio, self.gyro and self.gyro.turns, whole_path)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
+
+    def _straightened(self, items: Generator[MovingFrame | SidePacket]) -> Generator[MovingFrame | SidePacket]:
+        with closing(items):
+            for item in items:
+                yield item if isinstance(item, SidePacket) else replace(item, view=self.straight)
 
     def _with_known_motion(self, items: Iterable[VideoFrame | SidePacket]) -> Generator[MovingFrame | SidePacket]:
         unchanged = None if self.unmoved is None else RowMotion.zero(ROWS, ROWS, reason=self.unmoved)
@@ -346,7 +369,7 @@ def _write_film(
         writer = FilmWriter(container, source, clip, film.encoder, others, warper.size, start_s, on_rate)
         items = stack.enter_context(closing(pipeline.rectified(warper, all_streams=not film.into_copy)))
         _write_frames(pipeline.request, items, result, motions, writer)
-        if not result.rectified and (options.only_changed or film.may_be_copy):
+        if not result.rectified and pipeline.straight is None and (options.only_changed or film.may_be_copy):
             raise _NothingChangedError
         result.left_out = writer.left_out
         if frames is not None:

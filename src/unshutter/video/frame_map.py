@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -153,6 +154,39 @@ class SteadyView:
         return self.readout.points_to_stored(*seen, height, width)
 
 
+@dataclass(frozen=True)
+class StraightView:
+    """The picture of a camera that stands where the real one does, with a lens that keeps lines straight."""
+
+    lens: Lens  # the real camera's
+    focal: float  # focal length [heights of the readout frame]
+    readout: Readout  # direction in which the stored pixels were read
+
+    @classmethod
+    def of(cls, lens: Lens, readout: Readout, aspect: float) -> StraightView:
+        """Returns the widest view that shows no border of the real frames, up to 120 degrees from corner to corner."""
+        x, y, _ = _outline(aspect)
+        for focal in np.hypot(aspect, 1) / 2 / np.tan(np.radians(np.linspace(60, 1, 473))):
+            col, row = lens.position(x / focal, y / focal, 1.0)
+            if np.abs(col).max() <= aspect / 2 / lens.focal and np.abs(row).max() <= 0.5 / lens.focal:
+                break
+        return cls(lens, float(focal), readout)
+
+    def degrees(self, aspect: float) -> float:
+        """Returns its field of view from corner to corner of frames of this width per height [degrees]."""
+        return 2 * float(np.degrees(np.arctan(np.hypot(aspect, 1) / 2 / self.focal)))
+
+    def looks(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Maps positions in the straightened picture to the global-shutter frame."""
+        rows, columns = self.readout.frame_size(height, width)
+        col, row = self.readout.points_to_frame(col, row, height, width)
+        focal, x, y = self.focal * rows, (columns - 1) / 2, (rows - 1) / 2
+        seen = self.lens.position((col - x) / focal, (row - y) / focal, 1.0)
+        scale = self.lens.focal * rows
+        return self.readout.points_to_stored(seen[0] * scale + x, seen[1] * scale + y, height, width)
+
+
+View: TypeAlias = SteadyView | StraightView
 _NODES = 34  # approximate number of rows of nodes; half to twice as many columns
 _BAND, _BAND_PX = 4, 128  # fewest rows of cells, and px, interpolated at a time, to stay in the processor's cache
 _LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
@@ -170,12 +204,12 @@ class FrameMap:
     width: int
 
     @classmethod
-    def of(cls, motion: Motion, height: int, width: int, view: SteadyView | None = None) -> FrameMap:
+    def of(cls, motion: Motion, height: int, width: int, view: View | None = None) -> FrameMap:
         """Returns the map for a frame of height x width [px].
 
         Args:
             motion: motion of a picture of the same shape and any size.
-            view: the stabilised view to show; None for the camera's own view.
+            view: the stabilised or straightened view to show; None for the camera's own view.
         """
         small = motion.readout.frame_size(motion.height, motion.width)
         step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
@@ -195,7 +229,7 @@ class FrameMap:
         readout: Readout,
         height: int,
         width: int,
-        view: SteadyView | None = None,
+        view: View | None = None,
     ) -> FrameMap:
         """Returns the map for a frame of height x width [px] in which every pixel has its own shift.
 
@@ -238,7 +272,7 @@ def _middles(step: int, height: int, width: int) -> np.ndarray:
     return np.stack([col, row])
 
 
-def _seen(view: SteadyView | None, step: int, height: int, width: int) -> np.ndarray:
+def _seen(view: View | None, step: int, height: int, width: int) -> np.ndarray:
     """[2, N, M] positions shown at the centres of the cells: col and row [px] of the global-shutter frame."""
     middles = _middles(step, height, width)
     return middles if view is None else np.stack(view.looks(middles[0], middles[1], height, width))

@@ -29,7 +29,7 @@ from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip import COPY_SIDE, Clip, ClipRequest, SidePacket
-from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, borrow_plane, on_plane, warp_plane
+from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, warp_plane
 from unshutter.video.gyro_fit import GyroTurns
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class MovingFrame:
     cut: bool = False  # whether it shows another scene than the previous frame
     dense: bool = False  # whether it was rectified by the flow to its neighbours instead of this motion
     step: Step | None = None  # the camera's rotation since the previous frame; None if unknown
-    view: SteadyView | None = None  # the stabilised view; None if the camera's path is not smoothed
+    view: View | None = None  # the stabilised or straightened view; None for the camera's own
 
 
 def window_for(size: float) -> tuple[int, int]:

@@ -61,6 +61,7 @@ class ClipOutcome:
         stabilisation: the smoothed path; None if the camera's path was left unchanged.
         lens: the lens, if it bends straight lines.
         lens_degrees: its field of view, from corner to corner of a frame [degrees].
+        straight_degrees: that of the new clip, if lines were straightened; otherwise None.
     """
 
     source: str
@@ -81,6 +82,7 @@ class ClipOutcome:
     stabilisation: Stabilisation | None = None
     lens: Lens | None = None
     lens_degrees: float | None = None
+    straight_degrees: float | None = None
 
     @property
     def unchanged(self) -> dict[str, int]:
