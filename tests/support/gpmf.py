@@ -55,3 +55,11 @@ def with_samples(path, kind, *samples, ms=1000):
     )
     path.write_bytes(box(b"ftyp", b"mp42" + bytes(4)) + box(b"mdat", data) + box(b"moov", movie))
     return str(path)
+
+
+def with_settings(clip, settings):
+    """Adds a GoPro's settings, entries of GPMF, to an MP4 file."""
+    data = clip.read_bytes()
+    at, extra = data.rindex(b"moov") - 4, box(b"udta", box(b"GPMF", settings))
+    size = struct.pack(">I", int.from_bytes(data[at : at + 4], "big") + len(extra))
+    clip.write_bytes(data[:at] + size + data[at + 4 :] + extra)

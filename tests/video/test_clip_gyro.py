@@ -1,7 +1,6 @@
 """Clips with gyro logs: what the log is found to be, what is done by it, and what is left to the pictures."""
 
 import json
-import struct
 import sys
 
 import numpy as np
@@ -13,7 +12,6 @@ from support.gyro_logs import write_gcsv
 from support.refusals import refused
 from unshutter.cli import main
 from unshutter.video import gyro_log
-from unshutter.video.mp4 import box
 
 FRAMES, SHIFT = 40, 0.137
 RATIO_S = clips.RATIO / clips.FPS
@@ -93,17 +91,9 @@ def test_a_stabilised_clip_is_copied_where_its_readout_time_would_be_guessed(tmp
     assert record["stabilised"] and record["rectified"] == 0
 
 
-def said_to_be_stabilised(clip):
-    """A clip with a GoPro's settings that say so."""
-    data = clip.read_bytes()
-    at, extra = data.rindex(b"moov") - 4, box(b"udta", box(b"GPMF", b"EISEc\x01\x00\x01Y\0\0\0"))
-    size = struct.pack(">I", int.from_bytes(data[at : at + 4], "big") + len(extra))
-    clip.write_bytes(data[:at] + size + data[at + 4 :] + extra)
-    return clip
-
-
 def test_gopros_settings_tell_that_it_stabilised_the_clip(tmp_path, capsys):
-    clip = said_to_be_stabilised(clips.write(tmp_path / "in.mp4", clips.moving(30, hand_held.pan(9.0))[1]))
+    clip = clips.write(tmp_path / "in.mp4", clips.moving(30, hand_held.pan(9.0))[1])
+    gpmf.with_settings(clip, gpmf.entry(b"EISE", b"c", b"Y"))
     for flags, rectified in (([], 0), (["--readout-ms", "20"], 30)):
         out, log = tmp_path / "out.mp4", tmp_path / "log.jsonl"
         assert main(["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]) == 0
@@ -113,7 +103,8 @@ def test_gopros_settings_tell_that_it_stabilised_the_clip(tmp_path, capsys):
 
 
 def test_frames_that_are_only_stabilised_are_not_called_unchanged(tmp_path, capsys):
-    clip = said_to_be_stabilised(clips.write(tmp_path / "in.mp4", clips.moving(14)[1]))
+    clip = clips.write(tmp_path / "in.mp4", clips.moving(14)[1])
+    gpmf.with_settings(clip, gpmf.entry(b"EISE", b"c", b"Y"))
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--stabilize", "3"]) == 0
     printed = capsys.readouterr().err
     assert "14 not straightened (its camera stabilised the clip" in printed and "path smoothed" in printed

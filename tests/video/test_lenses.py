@@ -1,12 +1,14 @@
 """The lens of a clip: read from files, looked up, and found from tracks."""
 
 import json
+import struct
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from support import clips
+from support.gpmf import entry, with_settings
 from unshutter.cli import main
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.tracks import Tracks
@@ -14,9 +16,10 @@ from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.options.clip_options import RectifyClip, Shutter, Steadiness
 from unshutter.orientation import Readout
-from unshutter.video.clip import ClipRequest
+from unshutter.video import lenses
+from unshutter.video.clip import Clip, ClipRequest
 from unshutter.video.frame_map import StraightView
-from unshutter.video.lenses import lens_of_file, lens_of_tracks, named_lenses, table
+from unshutter.video.lenses import LensProfile, lens_of_clip, lens_of_file, lens_of_tracks, named_lenses, table
 
 K = [0.04, 0.01, -0.006, 0.002]
 
@@ -185,3 +188,20 @@ def test_lines_are_not_straightened_without_a_lens(tmp_path, capsys):
     assert len([line for line in shown if "name one with --lens" in line]) == 1 and not (tmp_path / "out.mkv").exists()
     with pytest.raises(UsageError, match="stabilise the straightened clip"):
         RectifyClip(straight_lines=True, steadiness=Steadiness(2.0))
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(None, None), (1.02, "Wide"), (0.74, "Linear"), (0.5, None), (np.nan, None)]
+)
+def test_gopros_field_of_view_chooses_among_its_lenses(tmp_path, monkeypatch, share, said):
+    """GPMF's ZFOV, as a share of the wide one's; without it, the profiles do not agree."""
+    shapes = {"Wide": (0.5, (0.05, 0.012, -0.01, 0.003)), "Linear": (0.55, (0.33, 0.13, 0.05, 0.02))}
+    size = clips.WIDTH, clips.HEIGHT
+    listed = [LensProfile("GoPro", "HERO8 Black", name, *size, f, (0.5, 0.5), k, 2) for name, (f, k) in shapes.items()]
+    monkeypatch.setattr(lenses, "table", lambda: tuple(listed))
+    tags = {"tags": {"firmware": "HD8.01.02.50.00"}, "container": {"movflags": "use_metadata_tags"}}
+    clip = clips.write(tmp_path / "in.mp4", clips.standing(30), **tags)
+    if share is not None:
+        with_settings(clip, entry(b"ZFOV", b"f", struct.pack(">f", share * listed[0].degrees), 4))
+    lens = lens_of_clip(ClipRequest.of(Clip.look(str(clip)), RectifyClip()))
+    assert (lens and lens.source) == (said and f"table of lenses (GoPro HERO8 Black {said})")

@@ -14,6 +14,7 @@ Errors of tracks follow Student's t.
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -29,7 +30,7 @@ from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.storage.files import read_text
-from unshutter.video import cameras
+from unshutter.video import cameras, gpmf
 from unshutter.video.clip import ClipRequest, followed
 
 
@@ -309,6 +310,7 @@ class _Turning:
 
 # ---- the table of lens profiles --------------------------------------------------------------------------------
 
+_NEAR, _WIDEST_VIEW = 0.06, 200.0  # share by which a lens may differ from the stated field of view; degrees
 _AGREE = 0.03  # share by which the angles of lenses that are alike may differ at the corner
 
 
@@ -359,7 +361,7 @@ def table() -> tuple[LensProfile, ...]:
 
 def _listed(request: ClipRequest) -> Lens | None:
     """Returns the lens of the clip's camera if all profiles of its frame size agree on it, and at least two unless the
-    user named the camera; otherwise None.
+    user named the camera; otherwise None. A GoPro's field of view, if its file states it (ZFOV), narrows the choice.
     """
     clip, named = request.clip, request.options.shutter.camera
     make, model = cameras.camera_of(clip.tags)
@@ -369,6 +371,9 @@ def _listed(request: ClipRequest) -> Lens | None:
         else named_lenses(named)
     )
     alike = [each for each in known if {each.width, each.height} == {clip.width, clip.height}]
+    stated = gpmf.settings(clip.path).get(b"ZFOV", b"")
+    if alike and len(stated) == 4 and 0 < (view := struct.unpack(">f", stated)[0]) < _WIDEST_VIEW:
+        alike = [each for each in alike if abs(each.degrees / view - 1) < _NEAR]
     degrees = [each.degrees for each in alike]
     if not alike or max(degrees) > (1 + _AGREE) * min(degrees):
         return None

@@ -227,9 +227,7 @@ def readout_tag(path: str) -> ReadoutTime | None:
 
 def is_stabilised(path: str) -> bool:
     """Whether a clip's camera states that it stabilised the clip: EISE in GoPro's settings, listed by exiftool.org."""
-    with suppress(OSError, NotPlainError, KeyError, struct.error, IndexError, ValueError), open(path, "rb") as stream:
-        return gpmf.settings(Movie.read(stream)).get(b"EISE", b"")[:1] == b"Y"
-    return False
+    return gpmf.settings(path).get(b"EISE", b"")[:1] == b"Y"
 
 
 def _apple(movie: Movie) -> Iterator[float]:
