@@ -21,7 +21,7 @@ def _image(page: Page, which: str) -> list[int]:
     return page.evaluate(
         """async which => {
             const image = document.querySelector(`.layer.${which} img`);
-            await image.decode();
+            while (await image.decode().then(() => false, () => true)); // another has just taken its place
             const canvas = new OffscreenCanvas(8, 8), context = canvas.getContext("2d");
             context.drawImage(image, 0, 0, 8, 8);
             return [...context.getImageData(0, 0, 8, 8).data];

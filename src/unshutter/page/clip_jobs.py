@@ -43,16 +43,10 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
         clip = Clip.look(open_file.path)
         moments_s = [_moment_time(clip, options, k) for k in range(MOMENTS)]
         frame = _frame_at(clip, moments_s[moment])
-        is_turned = round(frame.rotation / 90) % 2 == 1
-        facts = {
-            "height": frame.width if is_turned else frame.height,
-            "width": frame.height if is_turned else frame.width,
-            "duration_s": clip.duration_s,
-            "fps": 1 / clip.interval_s,
-            "frames": clip.frames,
-            "moments_s": moments_s,
-        }
-        return as_jpeg(_small(frame, longest, frame)), facts
+        stored = frame.height, frame.width
+        height, width = stored[::-1] if round(frame.rotation / 90) % 2 else stored
+        facts = {"height": height, "width": width, "duration_s": clip.duration_s, "fps": 1 / clip.interval_s}
+        return as_jpeg(_small(frame, longest, frame)), facts | {"moments_s": moments_s}
 
 
 def after(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -156,7 +156,7 @@ def after(
         else:
             motion, undo = _motion_to_undo(open_file, photo, options)
             pixels, result = _rectified_alone(photo, small_copy(open_file, photo, longest), motion, undo, draft)
-            shape = {name: round(value, 3) for name, value in vars(Shape.of(motion)).items()}
+            shape = {name: round(value, 3) for name, value in _shape(motion).items()}
             result |= {"shape": shape, "readout": str(motion.readout)}
             if options.hand.lines:
                 result["lines"] = _straightened_lines(open_file, photo, asked.find, options.hand.lines)[1]
@@ -251,21 +251,16 @@ def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int)
 # ---- the motion ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A motion described by the three numbers that are set by hand on the page."""
+def _shape(motion: Motion) -> dict[str, float]:
+    """Describes a motion by the three numbers that are set by hand on the page.
 
-    lean_deg: float  # angle by which the change in t_x from the first row to the last slants vertical lines
-    bend_percent: float  # deviation of t_x at the middle row from the line between first and last row [% of the rows]
-    turn_deg: float  # r_z of the last row minus that of the first
-
-    @classmethod
-    def of(cls, motion: Motion) -> Shape:
-        """Measures the lean, bend and turn of a motion."""
-        tx, rz, rows = motion.tx_px, motion.rz_rad, motion.height
-        bend = (tx[(rows - 1) // 2] + tx[rows // 2]) / 2 - (tx[0] + tx[-1]) / 2
-        lean = math.degrees(math.atan((tx[-1] - tx[0]) / rows))
-        return cls(lean, 100 * float(bend) / rows, math.degrees(float(rz[-1] - rz[0])))
+    The lean is the angle by which the change in t_x from the first row to the last slants vertical lines; the bend, the
+    deviation of t_x at the middle row from the line between those two; the turn, r_z of the last row minus the first's.
+    """
+    tx, rz, rows = motion.tx_px, motion.rz_rad, motion.height
+    bend = (tx[(rows - 1) // 2] + tx[rows // 2]) / 2 - (tx[0] + tx[-1]) / 2
+    lean_deg, turn_deg = (math.degrees(angle) for angle in (math.atan((tx[-1] - tx[0]) / rows), rz[-1] - rz[0]))
+    return {"lean_deg": lean_deg, "bend_percent": 100 * float(bend) / rows, "turn_deg": turn_deg}
 
 
 def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Motion, Undo]:
@@ -357,11 +352,10 @@ def _adjusted(motion: Motion, hand: ByHand) -> Motion:
 
     from unshutter.motion import RowMotion
 
-    shape, u = Shape.of(motion), np.linspace(0, 1, motion.height)
-    lean_deg = shape.lean_deg if hand.lean_deg is None else hand.lean_deg
-    lean = math.tan(math.radians(lean_deg)) - math.tan(math.radians(shape.lean_deg))
-    bend = 0.0 if hand.bend_percent is None else hand.bend_percent - shape.bend_percent
-    turn = 0.0 if hand.turn_deg is None else hand.turn_deg - shape.turn_deg
+    shape, u = _shape(motion), np.linspace(0, 1, motion.height)
+    wanted = shape | {name: value for name in shape if (value := getattr(hand, name)) is not None}
+    lean = math.tan(math.radians(wanted["lean_deg"])) - math.tan(math.radians(shape["lean_deg"]))
+    bend, turn = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
     tx_px = motion.tx_px + motion.height * (lean * u + bend / 100 * 4 * u * (1 - u))
     rz_rad = motion.rz_rad + math.radians(turn) * u
     adjusted = RowMotion(motion.width, tx_px, rz_rad, readout=motion.readout, estimator=NAME)

@@ -24,7 +24,7 @@ export class Player {
     this.said = make("span", { role: "status" });
     this.left = make("span", { class: "quiet" });
     this.cancel = make("button", { type: "button", id: "clip-cancel", onclick: () => this.clip.cancel() }, words.cancel);
-    node.replaceChildren(this.button, this.place, this.bar, this.said, this.left, this.cancel);
+    node.replaceChildren(this.button, this.place, this.bar, this.cancel, this.said, this.left);
     for (const name of ["play", "pause", "ended"]) this.video.addEventListener(name, () => this.#label());
     for (const name of ["loadeddata", "seeked"]) this.video.addEventListener(name, () => this.#draw());
     this.node = node;

@@ -29,16 +29,18 @@ const canBeSaved = (photo) => photo.id !== null && !["failed", "asking"].include
 export async function saveAll(photos, notice) {
   const savable = photos.filter(canBeSaved);
   const changed = savable.filter(({ state, result }) => state === "done" && result.changed).length;
-  const which = changed < savable.length ? await choice(changed, savable.length) : "all";
+  const none = !changed && savable.every(({ state, kind }) => state === "done" && kind === "photo");
+  const which = changed < savable.length ? await choice(changed, savable.length, none) : "all";
   if (which) await saveMany(savable, "zip", notice, which === "changed");
 }
 
-function choice(changed, total) {
+function choice(changed, total, none) {
   const dialog = by("save-which");
   by("save-which-words").textContent = words.saveWhich(changed, total);
   dialog.returnValue = ""; // which Escape leaves
+  by("save-changed").hidden = none;
   dialog.showModal();
-  by("save-changed").focus();
+  dialog.querySelector("button:not([hidden])").focus();
   return new Promise((done) => dialog.addEventListener("close", () => done(dialog.returnValue), { once: true }));
 }
 

@@ -15,6 +15,7 @@ import { percent, words } from "./words.js";
 
 const SIDES = [1000, 1600, 2400]; // longer sides of copies for screens [px], as the program makes them
 const ZOOM_REST_MS = 250;
+const SLOW_MS = 300; // an answer that takes longer is announced
 
 const larger = (one, other) => other !== "full" && (one === "full" || one > other);
 
@@ -126,7 +127,9 @@ export class View {
     const size = this.#longest();
     const whole = part === "both" || photo.pictures.before?.longest !== size;
     if (size === "full") by("working").textContent = words.drawing;
+    const slow = setTimeout(() => (by("working").textContent ||= photo.kind === "photo" ? words.working : ""), SLOW_MS);
     await photo.show(size, false, whole ? "both" : "after");
+    clearTimeout(slow);
     if (this.#asking === photo) this.#asking = null;
     if (photo !== this.current) return;
     if (this.#linesShown) this.#showLines();

@@ -15,7 +15,8 @@ export const words = {
   add: "Add photos or clips…",
   saveAll: "Save all (zip)",
   saveShown: (n) => `Save these ${n} (zip)`,
-  saveWhich: (changed, total) => `${changed} of ${total} were straightened. Which ones do you want to save?`,
+  saveWhich: (changed, total) => (changed ? `${changed} of ${total} were straightened. Which ones do you want to save?`
+    : `None of these ${total} has been straightened. What do you want to save?`),
   saveChanged: "Only straightened ones",
   saveUnchanged: "All, unchanged ones as they are",
   cancel: "Cancel",
@@ -57,6 +58,7 @@ export const words = {
   loading: (share) => `loading ${percent(share)}`,
   finding: "finding the motion…",
   drawing: "drawing at full size…",
+  working: "working…",
   failed: "cannot be used",
   failedHelp: "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …).",
   removeFailed: "Remove all that failed",
