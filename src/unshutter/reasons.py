@@ -61,6 +61,7 @@ class Code(StrEnum):
     STRENGTH_0 = "strength-0", "a strength of 0 undoes nothing"
     UNSURE = "unsure", "not sure: it would help with a probability of {confidence:.2f}"
     UNSURE_WHETHER_MOVED = "unsure-whether-moved", "not sure whether the camera moved: confidence {confidence:.2f}"
+    WIDE_LENS = "wide-lens", "not sure: a wide lens bends lines"
     WHICH_WAY = "which-way", "its motion blur shows that the camera moved, but not which way"
     TOO_SMALL = "too-small", "it would move by less than half a pixel"
     POSE_UNKNOWN = "pose-unknown", "the photo does not show how the camera was held"

@@ -123,3 +123,19 @@ def test_a_given_readout_time_counts() -> None:
 def test_times_that_cannot_be_are_refused(wrong: dict) -> None:
     with pytest.raises(UsageError, match="must take a positive time"):
         Camera(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("make", "model", "tags", "bends"),
+    [
+        ("GoPro", "HERO8 Black", {"ta405": 15}, True),
+        ("GoPro", "HERO8 Black", {"ta405": 24}, False),
+        ("Canon", "EOS R5", {"ta434": "EF8-15mm f/4L FISHEYE USM", "ta405": 15}, True),
+        ("Canon", "EOS R5", {"ta434": "EF11-24mm f/4L USM", "ta405": 11}, False),
+        ("Acme", "One", {"ta405": 8}, True),
+        ("Apple", "iPhone 12", {"ta405": 13}, False),
+        ("Acme", "One", {}, False),
+    ],
+)
+def test_lenses_that_bend_lines_are_known_by_name_or_focal_length(make, model, tags, bends) -> None:
+    assert _photo(make, model, **tags).bends_lines() is bends

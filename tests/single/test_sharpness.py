@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from support.drawn_photos import encoded
+from support.tagged_files import EXIF
 from unshutter import View
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import Estimator
 from unshutter.single.methods import find_motion
 from unshutter.single.register import load
@@ -125,3 +129,13 @@ def test_every_estimators_answer_is_bounded() -> None:
     assert "1/100 s" in str(told.reason)
     assert not found(blurred, Camera(exposure_s=0.01, readout_ms=20)).is_zero
     assert not found(sharp, Camera(exposure_s=0.0005, readout_ms=20)).is_zero
+
+
+def test_lines_seen_through_a_fisheye_prove_nothing() -> None:
+    """Unless the user states a focal length, and so a straight lens."""
+    shear, tags = Shear(load("none").method), Image.Exif()
+    tags.get_ifd(EXIF)[0xA434] = "8mm f/3.5 Fish-Eye"
+    photo = Photo.from_bytes(encoded(stripes(1), "JPEG", exif=tags.tobytes()))
+    told = find_motion(shear, View(photo))
+    assert told.is_zero and told.reason == Reason(Code.WIDE_LENS)
+    assert not find_motion(shear, View(photo, Camera(focal_px=400.0))).is_zero

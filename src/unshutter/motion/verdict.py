@@ -78,6 +78,7 @@ _CAUSES = {
     Code.UNSURE: Cause.UNSURE,
     Code.UNSURE_WHETHER_MOVED: Cause.UNSURE,
     Code.WHICH_WAY: Cause.UNSURE,
+    Code.WIDE_LENS: Cause.UNSURE,
     Code.TOO_SMALL: Cause.TOO_SMALL,
     Code.STRENGTH_0: Cause.STRENGTH_0,
 }

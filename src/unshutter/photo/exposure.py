@@ -31,6 +31,10 @@ _MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
 _MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while shooting
 _APPLE_HDR, _IS_HDR = 0x000A, 3
 _EXPOSURE_MODE, _BRACKET = 0xA402, 2
+_LENS_MODEL, _FOCAL_35MM = 0xA434, 0xA405
+_FISHEYE = re.compile(r"fish-?\s?eye", re.IGNORECASE)
+_ACTION_CAMERA = re.compile(r"gopro|insta360|arashi vision|osmo ?action|sjcam|akaso", re.IGNORECASE)
+_LINEAR_MM, _WIDEST_STRAIGHT_MM = 20, 10  # of 35 mm film: from the first on, action cameras have straightened the lines
 _SETTINGS = 0x829D, 0x8827, 0x920A, 0x9206  # aperture, ISO, focal length, distance of the subject
 
 
@@ -65,6 +69,16 @@ def blob_of(time_s: float) -> bytes | None:
     time = Fraction(time_s).limit_denominator(1_000_000)
     entry = Entry(5, 1, struct.pack("<II", time.numerator, time.denominator))
     return exif.of_tiff(Tree("<", [{EXIF: {_EXPOSURE_TIME: entry}}]))
+
+
+def bends_lines(blob: bytes | None) -> bool:
+    """Whether a photo was taken by an action camera or a fisheye, by their names, or wider than straight lenses are."""
+    tree = exif.read(blob)
+    if tree is None:
+        return False
+    name, mm = f"{camera(blob)} {tree.text(_LENS_MODEL, EXIF)}", tree.number(_FOCAL_35MM, EXIF) or 0
+    by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < _LINEAR_MM
+    return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < _WIDEST_STRAIGHT_MM
 
 
 def is_merged(blob: bytes | None) -> bool:

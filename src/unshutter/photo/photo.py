@@ -308,6 +308,12 @@ class Photo(FileOutput):
 
         return exposure.setting(self._metadata.exif)
 
+    def bends_lines(self) -> bool:
+        """Whether the lens or camera named in EXIF bends straight lines."""
+        from unshutter.photo import exposure
+
+        return exposure.bends_lines(self._metadata.exif)
+
     def is_merged(self) -> bool:
         """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
         from unshutter.photo import exposure

@@ -64,9 +64,12 @@ def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
     """Returns the possible motions of a photo, that of :func:`find_motion` first, including no change.
 
     Motions that would have blurred the photo more than it is are dropped; if this removes the first one, it is
-    replaced by zero motion with the reason.
+    replaced by zero motion with the reason. So it is where a wide lens bends lines, unless a focal length is stated.
     """
     candidates = estimator.candidates(view)
+    if not candidates[0].motion.is_zero and view.camera.focal_px is None and view.photo.bends_lines():
+        none = Candidate("still", view.no_motion(estimator.name, Reason(Code.WIDE_LENS)))
+        candidates = (none, *(each for each in candidates if each.kind != "still"))
     limit = None if all(each.motion.is_zero for each in candidates) else view.speed_limit
     if limit is not None:
         possible = tuple(each for each in candidates if each.motion.is_zero or not limit.refutes(each.motion))

@@ -25,6 +25,7 @@ export const reasons = {
   "strength-0": () => "the strength is 0",
   "unsure": ({ confidence }) => `not sure: straightening it would help with a probability of ${percent(confidence)}`,
   "unsure-whether-moved": ({ confidence }) => `not sure whether the camera moved (confidence ${percent(confidence)})`,
+  "wide-lens": () => "not sure: a wide lens bends lines",
   "which-way": () => "its motion blur shows that the camera moved, but not which way",
   "too-small": () => "nothing would move by as much as half a pixel",
   "stood-still": () => "the camera stood still",
