@@ -169,7 +169,7 @@ def test_an_answer_that_comes_while_an_end_is_dragged_does_not_drop_it(page: Pag
     page.mouse.down()
     page.mouse.move(x, y + 20, steps=2)
     with page.expect_response("**/after?*lines=*"):
-        late.pop().continue_()
+        late.pop(0).continue_()
     wait_for(page, "alone")
     page.unroute("**/after?*lines=*")
     page.mouse.move(x, y + 60, steps=3)

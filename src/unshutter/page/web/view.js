@@ -127,7 +127,9 @@ export class View {
     const size = this.#longest();
     const whole = part === "both" || photo.pictures.before?.longest !== size;
     if (size === "full") by("working").textContent = words.drawing;
-    const slow = setTimeout(() => (by("working").textContent ||= photo.kind === "photo" ? words.working : ""), SLOW_MS);
+    const slow = setTimeout(() => {
+      if (photo === this.current && photo.kind === "photo") by("working").textContent ||= words.working;
+    }, SLOW_MS);
     await photo.show(size, false, whole ? "both" : "after");
     clearTimeout(slow);
     if (this.#asking === photo) this.#asking = null;
