@@ -31,10 +31,7 @@ _KEPT_OUT = 4  # every fourth track
 _RUNS, _RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
 _FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
-_VISIBLE_PX, _MOST_FRAMES = (
-    0.5,
-    90,
-)  # px, but there at most: what is smaller in so many per cent of the frames cannot be seen,
+_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
 _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
 _SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
 _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
