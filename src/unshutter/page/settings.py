@@ -98,10 +98,11 @@ class ByHand:
     )
 
     def __post_init__(self) -> None:
-        for name, limits in ((each.name, each.limits) for each in options_of(ByHand)):
-            value = getattr(self, name.replace("-", "_"))
-            if limits and value is not None and not limits[0] <= value <= limits[1]:
-                raise UsageError(f"the {name[:4]} must lie between {limits[0]} and {limits[1]}, got {value:g}")
+        for each in options_of(ByHand):
+            value, word = getattr(self, each.key), each.name.partition("-")[0]
+            if each.limits and value is not None and not each.limits[0] <= value <= each.limits[1]:
+                least, most = each.limits
+                raise UsageError(f"the {word} must lie between {least} and {most}, got {value:g}")
 
     def __bool__(self) -> bool:
         return self != ByHand()
