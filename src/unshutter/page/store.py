@@ -16,6 +16,7 @@ import secrets
 import shutil
 import signal
 import tempfile
+import threading
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from concurrent.futures import BrokenExecutor
@@ -232,6 +233,7 @@ class _Lane:
     def __init__(self, workers: Workers):
         self._workers = workers
         self._pid: int | None = None
+        self._endings: list[threading.Thread] = []
 
     async def do(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """Runs a job in the worker process."""
@@ -261,8 +263,16 @@ class _Lane:
         if pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-        self._workers.executor.shutdown(wait=False, cancel_futures=True)
+        ending = threading.Thread(target=self._workers.executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+        ending.start()  # it waits, so that Python 3.13 does not find a pool half closed when it exits
+        self._endings = [*(each for each in self._endings if each.is_alive()), ending]
         self._workers.executor = self._workers.renew()
+
+    def close(self) -> None:
+        """Kills the process and waits for the end of all that were started."""
+        self.end()
+        for each in self._endings:
+            each.join()
 
 
 class Lanes:
@@ -290,7 +300,7 @@ class Lanes:
     def close(self) -> None:
         """Kills all worker processes."""
         for lane in self._all:
-            lane.end()
+            lane.close()
         self._stack.close()
 
     async def _free_lane(self, urgency: Urgency) -> _Lane:
