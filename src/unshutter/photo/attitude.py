@@ -104,8 +104,7 @@ def _apple(note: MakerNote) -> _Held | None:
 
 def _is_front(blob: bytes | None) -> bool:
     """Whether the front camera was used, for which the vector has another frame."""
-    tree = exif.read(blob)
-    return tree is not None and "front" in tree.text(_LENS_MODEL, EXIF).lower()
+    return "front" in exif.read(blob).text(_LENS_MODEL, EXIF).lower()
 
 
 def _canon(note: MakerNote) -> _Held | None:

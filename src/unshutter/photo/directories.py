@@ -78,6 +78,9 @@ class Tree:
     layout: Layout = CLASSIC  # layout of the file that contains them
     note_at: int | None = None  # start of the maker note
 
+    def __bool__(self) -> bool:
+        return any(self.pages)
+
     def number(self, tag: int, *path: int, page: int = 0) -> int | None:
         """Returns the first value of a BYTE, SHORT or LONG tag in a page (or its sub-directory ``path``), or None."""
         entry = self.entry(tag, *path, page=page)
@@ -148,8 +151,12 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int, layout: Layo
         yield Slot(place, tag, kind, values, place + to_value)
 
 
-def header_of(file: BinaryIO) -> tuple[str, Layout, int] | None:
-    """Returns byte order, layout and position of the first directory of a TIFF or BigTIFF; None if it is neither."""
+def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
+    """Reads the directories of a TIFF, a BigTIFF or an EXIF blob without prefix; skips entries with invalid offsets.
+
+    Reading begins at the first directory or at ``first_at``, and ends after so many pages. Returns None if nothing can
+    be read.
+    """
     file.seek(0)
     head = file.read(16)
     order = BYTE_ORDERS.get(head[:4])
@@ -157,22 +164,9 @@ def header_of(file: BinaryIO) -> tuple[str, Layout, int] | None:
     order = order or _BIG_BYTE_ORDERS.get(head[:4])
     if order is None or len(head) < layout.header + layout.offset_bytes:
         return None
-    return order, layout, struct.unpack_from(order + layout.offset, head, layout.header)[0]
-
-
-def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
-    """Reads the directories of a TIFF, a BigTIFF or an EXIF blob without prefix; skips entries with invalid offsets.
-
-    Reading begins at the first directory or at ``first_at``, and ends after so many pages. Returns None if nothing can
-    be read.
-    """
-    header = header_of(file)
-    if header is None:
-        return None
-    order, layout, offset = header
     reader = _Reader(file, order, layout)
     pages: list[Directory] = []
-    offset = offset if first_at is None else first_at
+    offset = struct.unpack_from(order + layout.offset, head, layout.header)[0] if first_at is None else first_at
     while offset and len(pages) < most_pages and (page := reader.directory(offset)) is not None:
         directory, offset = page
         pages.append(directory)

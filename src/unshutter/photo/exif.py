@@ -44,9 +44,10 @@ _UNITS = {_INCH: (25.4, "in"), 3: (10.0, "cm")}  # length [mm], and name in libv
 # ---- reading -------------------------------------------------------------------------------------------
 
 
-def read(blob: bytes | None) -> tiff.Tree | None:
-    """Reads the directories of an EXIF blob, with or without its prefix; returns None for None."""
-    return None if blob is None else tiff.read_tree(io.BytesIO(blob.removeprefix(tiff.EXIF_PREFIX)))
+def read(blob: bytes | None) -> tiff.Tree:
+    """Reads the directories of an EXIF blob, with or without its prefix; empty for None, or if nothing can be read."""
+    tree = tiff.read_tree(io.BytesIO((blob or b"").removeprefix(tiff.EXIF_PREFIX)))
+    return tree or tiff.Tree("<", [{}])
 
 
 def has_loop(blob: bytes) -> bool:
@@ -75,23 +76,18 @@ def has_loop(blob: bytes) -> bool:
 
 def without_loop(blob: bytes) -> bytes | None:
     """Returns the blob, rewritten if its directories contain a loop; None if nothing can be recovered."""
-    if not has_loop(blob):
-        return blob
-    tree = read(blob)
-    return of_tiff(tree) if tree else None
+    return of_tiff(read(blob)) if has_loop(blob) else blob
 
 
 def orientation(blob: bytes | None) -> Orientation | None:
     """Returns the orientation in an EXIF blob; None if it is missing or meaningless."""
-    tree = read(blob)
-    number = tree.number(_ORIENTATION) if tree else None
+    number = read(blob).number(_ORIENTATION)
     return Orientation(number) if number in tuple(Orientation) else None
 
 
 def software(blob: bytes | None) -> str:
     """Returns the name of the program that wrote the picture; empty if it is missing."""
-    tree = read(blob)
-    return tree.text(_SOFTWARE) if tree else ""
+    return read(blob).text(_SOFTWARE)
 
 
 def of_software(name: str) -> bytes | None:
@@ -103,7 +99,7 @@ def of_software(name: str) -> bytes | None:
 def resolution(blob: bytes | None) -> tuple[float, float, str] | None:
     """Returns resolution across and down [px/mm], and its unit as named by libvips; None without resolution or unit."""
     tree = read(blob)
-    if tree is None or (unit := _UNITS.get(tree.number(_RESOLUTION_UNIT) or _INCH)) is None:
+    if (unit := _UNITS.get(tree.number(_RESOLUTION_UNIT) or _INCH)) is None:
         return None
     mm, name = unit
     across, down = (next(iter(tree.numbers(tag)), 0.0) / mm for tag in _RESOLUTION)
@@ -119,15 +115,14 @@ def with_header(blob: bytes | None) -> bytes | None:
         return blob
     for mark, order in tiff.BYTE_ORDERS.items():
         whole = mark + blob
-        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
+        if blob[:4] == struct.pack(order + "I", 8) and read(whole):
             return tiff.EXIF_PREFIX + whole
     return None
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
     """Returns the focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None if unknown."""
-    tree = read(blob)
-    focal_mm = tree.number(_FOCAL_35MM, tiff.EXIF) if tree else None
+    focal_mm = read(blob).number(_FOCAL_35MM, tiff.EXIF)
     return focal_mm * math.hypot(height, width) / _FULL_FRAME_DIAGONAL_MM if focal_mm else None
 
 
@@ -155,21 +150,17 @@ def add_to_tiff(
     """Appends camera tags, EXIF and GPS of a blob to a finished TIFF of one page; returns whether there was room.
 
     The page's own tags take precedence, except for a resolution without a unit. The pixel size repeated in EXIF is set
-    to that of the picture [px]. A file too long for more, or a blob that cannot be read, changes nothing. ``more`` are
-    further tags of bytes, which are valid in either byte order.
+    to that of the picture [px]. A file too long for more changes nothing. ``more`` are further tags, in the byte order
+    of the page, which they replace.
     """
     tree, target = read(blob), tiff.read_tree(file)
     end = file.seek(0, io.SEEK_END)
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
-    if tree is None and not more:
-        return True
     if target is None or (target.layout is tiff.CLASSIC and end + length + _ROOM_IN_TIFF >= 1 << 32):
         return False
-    added: tiff.Directory = {}
-    if tree is not None and blob is not None:
-        added = _of_the_camera(tree)
-        maker_notes.complete(added, tree, blob.removeprefix(tiff.EXIF_PREFIX))
-        added = added if tree.order == target.order else tiff.in_other_order(added)
+    added = _of_the_camera(tree)
+    maker_notes.complete(added, tree, (blob or b"").removeprefix(tiff.EXIF_PREFIX))
+    added = added if tree.order == target.order else tiff.in_other_order(added)
     details = added.get(tiff.EXIF)
     if isinstance(details, dict):
         for tag, size in ((_PIXEL_WIDTH, width), (_PIXEL_HEIGHT, height)):
@@ -178,9 +169,9 @@ def add_to_tiff(
     winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    whole, layout = added | dict(more) | target.pages[0] | winning, target.layout
+    whole, layout = added | target.pages[0] | dict(more) | winning, target.layout
     written = tiff.encoded(whole, start, target.order, layout)
-    file.write(bytes(end % 2) + (written if tree is None else maker_notes.in_place(written, start, added, tree)))
+    file.write(bytes(end % 2) + maker_notes.in_place(written, start, added, tree))
     file.seek(layout.header)
     file.write(struct.pack(target.order + layout.offset, start))
     return True
@@ -207,7 +198,7 @@ def has_no_resolution_unit(tree: tiff.Tree) -> bool:
 def without_geotiff(blob: bytes | None) -> bytes | None:
     """Rewrites the blob without the picture's geographic position; returns the blob itself if it has none."""
     tree = read(blob)
-    if tree is None or not tree.pages[0].keys() & _GEOTIFF:
+    if not tree.pages[0].keys() & _GEOTIFF:
         return blob
     for tag in _GEOTIFF & tree.pages[0].keys():
         del tree.pages[0][tag]
@@ -222,8 +213,8 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
     if len(blob) <= most:
         return blob, []
     tree = read(blob)
-    camera_tags = _of_the_camera(tree) if tree else {}
-    if tree is None or not camera_tags:
+    camera_tags = _of_the_camera(tree)
+    if not camera_tags:
         return None, ["EXIF (too long)"]
     left_out, details = 0, camera_tags.get(tiff.EXIF)
     note = details.pop(tiff.MAKER_NOTE, None) if isinstance(details, dict) else None

@@ -41,8 +41,6 @@ _SETTINGS = 0x829D, 0x8827, 0x920A, 0x9206  # aperture, ISO, focal length, dista
 def taken(blob: bytes | None) -> datetime | None:
     """Returns the time at which a photo was taken, from EXIF, in the camera's time zone; None if unknown."""
     tree = exif.read(blob)
-    if tree is None:
-        return None
     date, fraction = tree.text(_ORIGINAL, EXIF), tree.text(_SUBSECONDS, EXIF)
     try:
         time = datetime.strptime(date, "%Y:%m:%d %H:%M:%S")
@@ -54,8 +52,6 @@ def taken(blob: bytes | None) -> datetime | None:
 def time_s(blob: bytes | None) -> float | None:
     """Returns the exposure time [s] in an EXIF blob; None if it is missing or implausible."""
     tree = exif.read(blob)
-    if tree is None:
-        return None
     time = _first(tree, _EXPOSURE_TIME)
     if time is None and (speed := _first(tree, _SHUTTER_SPEED)) is not None and abs(speed) < 40:
         time = 2.0**-speed  # APEX
@@ -74,8 +70,6 @@ def blob_of(time_s: float) -> bytes | None:
 def bends_lines(blob: bytes | None) -> bool:
     """Whether a photo was taken by an action camera or a fisheye, by their names, or wider than straight lenses are."""
     tree = exif.read(blob)
-    if tree is None:
-        return False
     name, mm = f"{camera(blob)} {tree.text(_LENS_MODEL, EXIF)}", tree.number(_FOCAL_35MM, EXIF) or 0
     by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < _LINEAR_MM
     return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < _WIDEST_STRAIGHT_MM
@@ -87,8 +81,6 @@ def is_merged(blob: bytes | None) -> bool:
     Blur then says less about motion: each exposure may have been sharper, or moved more, than the whole.
     """
     tree = exif.read(blob)
-    if tree is None:
-        return False
     if tree.number(_CUSTOM_RENDERED, EXIF) in _MERGED_BY_CUSTOM_RENDERED:
         return True
     if tree.number(_COMPOSITE, EXIF) in _MERGED_BY_COMPOSITE:
@@ -103,7 +95,7 @@ def setting(blob: bytes | None) -> tuple[object, ...] | None:
     Settings that are not recorded are empty.
     """
     tree = exif.read(blob)
-    if tree is None or tree.number(_EXPOSURE_MODE, EXIF) == _BRACKET or is_merged(blob):
+    if not tree or tree.number(_EXPOSURE_MODE, EXIF) == _BRACKET or is_merged(blob):
         return None
     return camera(blob), *(tree.numbers(tag, EXIF) for tag in _SETTINGS)
 
@@ -183,13 +175,13 @@ _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
 def camera(blob: bytes | None) -> str:
     """Returns make and model of the camera named in an EXIF blob; empty if none is named."""
     tree = exif.read(blob)
-    return "" if tree is None else " ".join(filter(None, (tree.text(_MAKE), tree.text(_MODEL))))
+    return " ".join(filter(None, (tree.text(_MAKE), tree.text(_MODEL))))
 
 
 def readout_time(blob: bytes | None) -> ReadoutTime:
     """Returns the readout time of the camera named in an EXIF blob; that of an unknown camera if none is named."""
     tree = exif.read(blob)
-    return UNKNOWN if tree is None else readout_time_of(tree.text(_MAKE), tree.text(_MODEL))
+    return readout_time_of(tree.text(_MAKE), tree.text(_MODEL))
 
 
 def readout_time_of(make: str, model: str) -> ReadoutTime:

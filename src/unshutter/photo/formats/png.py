@@ -241,7 +241,7 @@ def _meaning(kind: bytes, data: bytes) -> _TextMetadata:
     if data.startswith(_XMP_OF_JPEG):
         return _TextMetadata("xmp", data.removeprefix(_XMP_OF_JPEG))
     attribute = _ATTRIBUTES[kind]
-    if attribute == "exif" and exif.read(data) is None:
+    if attribute == "exif" and not exif.read(data):
         return _TextMetadata("exif", b"")
     return _TextMetadata(attribute, chunks.resources_of_blocks(data) if attribute == "resources" and data else data)
 

@@ -240,7 +240,7 @@ def read_tags(file: BinaryIO) -> Tree | None:
     if head.startswith(b"FUJIFILM") and len(head) == 96:
         start, length = struct.unpack_from(">II", head, 84)
         file.seek(start)
-        return exif.read(chunks.exif_of(io.BytesIO(file.read(length))))
+        return exif.read(chunks.exif_of(io.BytesIO(file.read(length)))) or None
     if head[4:12] == b"ftypcrx ":
         return _canon_tags(file)
     return read_tree(file)
