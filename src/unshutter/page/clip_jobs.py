@@ -226,7 +226,8 @@ def _pairs(
     from unshutter.video.readout import camera_of_clip
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
-    time, black = _time_of(open_file, clip, options, progress), 0 if options.undo.edges in ("keep", "crop") else None
+    time = _time_of(open_file, clip, options, progress)
+    black = [0, 0, 0] if options.undo.edges in ("keep", "crop") else None
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)

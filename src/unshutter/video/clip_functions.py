@@ -232,5 +232,5 @@ def _undone(
     pixels, out = np.ascontiguousarray(frame), np.empty(frame.shape, frame.dtype)
     limit = int(np.iinfo(frame.dtype).max)
     for rows, positions in FrameMap.of(motion, frame.shape[0], frame.shape[1], view).positions(1, 1, scratch):
-        warp_plane(pixels, positions, out[rows], 0 if undo.edges == "keep" else None, limit)
+        warp_plane(pixels, positions, out[rows], [0] * 4 if undo.edges == "keep" else None, limit)
     return out

@@ -295,19 +295,19 @@ def warp_plane(
     plane: UInt[np.ndarray, "rows columns *bands"],
     positions: tuple[Float32[np.ndarray, "rows cols"], ...],
     out: UInt[np.ndarray, "rows columns *bands"],
-    black: int | None,
+    black: list[int] | None,
     limit: int,
 ) -> None:
     """Samples a plane at positions into another one, by bicubic interpolation (a = -0.75).
 
     Args:
         positions: (col, row) [px of the plane].
-        black: value for positions outside the plane; None mirrors the plane at its border.
+        black: values, one per band, for positions outside the plane; None mirrors the plane at its border.
         limit: greatest value, which cubic interpolation may exceed.
     """
     col, row = positions
     border = cv2.BORDER_REFLECT if black is None else cv2.BORDER_CONSTANT
-    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=[black or 0] * 4)
+    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=black or [0])
     if limit not in (0xFF, 0xFFFF):
         np.minimum(out, limit, out=out)
 

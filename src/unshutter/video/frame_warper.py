@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeAlias
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
@@ -347,10 +348,16 @@ class Warper:
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
+            black = [each.black_full if full else each.black for each, _, _ in alike for _ in range(each.bands)]
+            before, after = alike[0][1:]
+            if len(alike) > 1:  # one with several bands is warped faster than several planes
+                before = cv2.merge([old for _, old, _ in alike])
+                after = np.empty_like(before)
             for rows, positions in frame_map.positions(across, down, self._scratches[0]):
-                for plane, before, after in alike:
-                    black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
-                    warp_plane(before, positions, after[rows], black, limit)
+                warp_plane(before, positions, after[rows], black if self.undo.edges == "keep" else None, limit)
+            if len(alike) > 1:
+                for k, (_, _, new) in enumerate(alike):
+                    cv2.extractChannel(after, k, new)
         return picture
 
     def _borrow(self, lenders: list[Lender], picture: VideoFrame, own: FrameMap) -> None:

@@ -35,6 +35,7 @@ _VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so 
 _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
 _SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
 _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
+_PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
 _ROUNDS, _AHEAD = 4, 3  # of reweighting; frames decoded ahead
 
 
@@ -76,7 +77,7 @@ class Gain:
         gain, error = self.gain
         change, displaced = np.median(self._changes_px, axis=0)
         before, after = map(float, np.median(self.wobble_px, axis=0))
-        if change < _EVEN * displaced or (gain > sure * error and after < before):
+        if change < _EVEN * displaced or (gain > sure * error and after < _PAYS * before):
             return None
         return Reason.of(Code.NO_GAIN, before=round(before, 3), after=round(after, 3))
 

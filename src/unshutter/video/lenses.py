@@ -124,79 +124,96 @@ def _value(text: str, names: Sequence[str], form: str) -> str:
 
 # ---- the frames ------------------------------------------------------------------------------------------------
 
-_PART, _FEW_PARTS, _PARTS = 13, 2, 6  # frames of a part; parts examined, and if they show a bent lens too vaguely
+# frames of a part, and parts: the first is examined roughly, the next if lines may be bent, all if that is too vague
+_PART, _PARTS = 13, 6
 _FEWEST = 10  # pairs of frames
 _LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
 _LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
 _BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is described, in distances of the corner
 _FOCALS = tuple(0.85 * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
 _USUAL, _SPREAD = 0.85, 1.0  # prior: share of width + height, and standard deviation of its logarithm
-# first step of both unknowns, and rounds of Newton's method and of the tracks' weights: roughly, and then exactly
-_ROUGH, _EXACT = (0.1, 3, 2), (0.05, 8, 4)
+# roughly, and then exactly: first step of both unknowns and rounds of Newton's method; rounds of the tracks' weights
+_ROUGH, _EXACT = (0.1, 3), (0.05, 8)
+_ROUGH_WEIGHINGS, _WEIGHINGS = 2, 4
+_FOCAL_ONLY = np.array([[0.0, 1.0]])  # a lens that keeps lines straight has no other unknown
 _FINEST = 0.03  # step at which Newton's method may end
 _COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
 _SURE = 8.0  # by so much must a bent lens explain the tracks better than one that keeps lines straight
 _HOPELESS = 0.25  # share of that, at the rough look
-_SURE_CORNER = 0.02  # largest standard deviation of the corner's distance from the middle, as a share of it
+# largest standard deviation of the corner's distance from the middle, as a share of it: to end the search; at its end
+_SURE_CORNER, _SURE_ENOUGH = 0.01, 0.02
 
 
 def lens_in_frames(request: ClipRequest) -> Lens | None:
     """Finds the lens in parts of a clip; None if it keeps lines straight, or if the frames do not tell."""
     (begin, end), length_s = request.span, _PART * request.clip.interval_s
-    count = min(_PARTS, max(1, int((end - begin) / length_s)))
-    starts = np.linspace(begin, max(end - 1.01 * length_s, begin), count)
-    chosen = np.unique(np.linspace(0, count - 1, 2 * _FEW_PARTS + 1).astype(int)[1::2])
+    others = min(_PARTS, int((end - begin) / length_s)) - 2
 
-    def tracks(starts: np.ndarray) -> Iterator[Tracks]:
-        for start in starts.tolist():
+    def tracks(starts: Iterable[float], length_s: float) -> Iterator[Tracks]:
+        for start in starts:
             for _, since, tracks, straight in followed(request, start, start + length_s, TRACKED_SIDE):
                 if since is not None and tracks is not None and straight is not None and not straight.cut:
                     yield tracks
 
-    return _lens_in(tracks(part) for part in (starts[chosen], np.delete(starts, chosen)))
+    first = tracks([begin], 2 * length_s)
+    spread = np.linspace(begin + 2 * length_s, end - 1.01 * length_s, max(others, 0))
+    return _lens_in(islice(first, _PART), first, tracks(spread.tolist(), length_s))
 
 
 def lens_in_greys(greys: Iterable[UInt8[np.ndarray, "rows columns"]]) -> Lens | None:
     """Finds the lens in grey copies of the first frames of a clip, and takes no more of them than it needs."""
     pairs = (follow(before, after) for before, after in pairwise(greys))
-    parts = (islice(pairs, _PART * many) for many in (_FEW_PARTS, _PARTS - _FEW_PARTS))
-    return _lens_in((pair for pair in part if not background(pair).cut) for part in parts)
+    same = (pair for pair in pairs if not background(pair).cut)
+    return _lens_in(*(islice(same, _PART * many) for many in (1, 1, _PARTS - 2)))
 
 
-def _lens_in(parts: Iterable[Iterable[Tracks]]) -> Lens | None:
+def _lens_in(first: Iterable[Tracks], *others: Iterable[Tracks]) -> Lens | None:
     """Finds the lens in tracks of some frames, or of more if it is too vague in those."""
-    pairs: list[Tracks] = []
-    for part in parts:
-        pairs += part
+    pairs = _moving(first)
+    if len(pairs) >= _FEWEST and _roughly(pairs)[0] < _HOPELESS * _SURE / 2:
+        return None
+    for part in others:
+        pairs += _moving(part)
         lens = lens_of_tracks(pairs)
         if lens is None or lens.error < _SURE_CORNER:
             return lens
-    return None
+    return lens if lens.error < _SURE_ENOUGH else None
+
+
+def _moving(pairs: Iterable[Tracks]) -> list[Tracks]:
+    """Returns the pairs of frames that may show the lens."""
+    shifts = ((pair, np.hypot(*(pair.end - pair.start).T)) for pair in pairs if len(pair) >= _LEAST_TRACKS)
+    return [pair for pair, shift in shifts if np.median(shift) * ROWS / pair.height > _LEAST_MOVED_PX]
+
+
+def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Returns by how much a bent lens explains moving tracks better than one that keeps lines straight, as few of them
+    show, and either lens.
+    """
+    few = [fewer(pair, _ROUGHLY) for pair in pairs]
+    turning = _Turning.of(few, _ROUGH_WEIGHINGS)
+    focals = turning.usual + np.log(_FOCALS) - np.log(_USUAL)
+    straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_ROUGH)
+    bent, _ = turning.highest([np.array([bend, focal]) for bend in _BENDS for focal in focals], np.eye(2), *_ROUGH)
+    share = sum(map(len, few)) / sum(map(len, pairs))
+    return (turning.height(bent) - turning.height(straight)) / share, straight, bent
 
 
 def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
     """Finds the lens through which tracks between frames were seen; None if it keeps lines straight, or if they
     do not tell.
     """
-    pairs = [pair for pair in pairs if len(pair) >= _LEAST_TRACKS]
-    unit = ROWS / pairs[0].height if pairs else 1.0
-    pairs = [pair for pair in pairs if np.median(np.hypot(*(pair.end - pair.start).T)) * unit > _LEAST_MOVED_PX]
+    pairs = _moving(pairs)
     if len(pairs) < _FEWEST:
         return None
-    few = [fewer(pair, _ROUGHLY) for pair in pairs]
-    share = sum(map(len, few)) / sum(map(len, pairs))
-    usual = np.log(_USUAL * (pairs[0].width * unit + ROWS))
-    focals = usual + np.log(_FOCALS) - np.log(_USUAL)
-    straight = [np.array([1.0, focal]) for focal in focals]
-    bent = [np.array([bend, focal]) for bend in _BENDS for focal in focals]
-    covariance = np.eye(2)
-    for part, (step, rounds, weighings), enough in ((few, _ROUGH, _HOPELESS * share), (pairs, _EXACT, 1.0)):
-        turning = _Turning.of(part, float(usual), weighings)
-        at, _ = turning.highest(straight, np.array([[0.0, 1.0]]), step, rounds)
-        best, covariance = turning.highest(bent, np.eye(2), step, rounds)
-        if turning.height(best) - turning.height(at) < enough * _SURE:
-            return None
-        straight, bent = [at], [best]
+    advantage, straight, bent = _roughly(pairs)
+    if advantage < _HOPELESS * _SURE:
+        return None
+    turning = _Turning.of(pairs, _WEIGHINGS)
+    straight, _ = turning.highest([straight], _FOCAL_ONLY, *_EXACT)
+    best, covariance = turning.highest([bent], np.eye(2), *_EXACT)
+    if turning.height(best) - turning.height(straight) < _SURE:
+        return None
     lens = turning.lens(best)
     corner = turning.corner / lens.focal
     angle = lens.angle(corner)
@@ -225,11 +242,11 @@ class _Turning:
     _heights: dict[tuple[float, ...], float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, pairs: Sequence[Tracks], usual: float, weighings: int) -> _Turning:
+    def of(cls, pairs: Sequence[Tracks], weighings: int) -> _Turning:
         ends, used = padded_ends(pairs)
-        ends = ends * ROWS / pairs[0].height
-        moved = (ends[1] - ends[0]).reshape(len(pairs), -1)
-        return cls(used, ends.mean(axis=0), moved, pairs[0].width * ROWS / pairs[0].height, usual, weighings)
+        ends, width = ends * ROWS / pairs[0].height, pairs[0].width * ROWS / pairs[0].height
+        moved, usual = (ends[1] - ends[0]).reshape(len(pairs), -1), float(np.log(_USUAL * (width + ROWS)))
+        return cls(used, ends.mean(axis=0), moved, width, usual, weighings)
 
     @property
     def corner(self) -> float:
