@@ -1,6 +1,6 @@
 """From a dataclass to a command line."""
 
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -10,7 +10,7 @@ from unshutter.cli import command_named, main, summaries
 from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UsageError
 from unshutter.options import option
-from unshutter.options.fields import positional, required
+from unshutter.options.fields import positional
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Arguments:
     """All kinds of arguments."""
 
     photos: list[Path] = positional("Photos.", "input")
-    output: Path = required("Where to.", "output", short="-o")
+    output: Path = option(MISSING, "Where to.", names="output", short="-o")
     jobs: int | None = option(None, "How many.")
     again: bool = option(False, "Once more.")
     word: str = option("auto", "One of several.", choices=("auto", "manual"))

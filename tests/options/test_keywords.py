@@ -83,7 +83,7 @@ def test_unknown_keywords_are_refused_as_python_refuses_them(name: str) -> None:
         ("motion", 3, "motion must be a"),
         ("lines", 3, "lines must be a list of DrawnLine or the path of a file of lines, got 3"),
         ("candidate", 1.5, "candidate must be a whole number, got 1.5"),
-        ("moving", "no", "the direction of the camera must be one of yes, left, right, up, down, got no"),
+        ("moving", "no", "moving must be one of yes, left, right, up, down, got no"),
         ("moving", True, "moving must be one of yes, left, right, up, down, got True"),
         ("no_film", "no", "no_film must be True or False, got 'no'"),
         ("fps", "30", "fps must be a number, got '30'"),

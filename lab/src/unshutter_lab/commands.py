@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -10,7 +10,7 @@ from unshutter import errors
 from unshutter.cli.arguments import Command
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import option
-from unshutter.options.fields import positional, required
+from unshutter.options.fields import positional
 from unshutter_lab.synthesis.options import Synthesize, SynthesizeClip
 
 
@@ -57,10 +57,11 @@ ProtocolName = Literal[_Photos, "pairs", "video", "sequences"]
 class EvaluateArguments:
     """Arguments of the command."""
 
-    data: list[Path] = required(
+    data: list[Path] = option(
+        MISSING,
         "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png); each is a group in the "
         "tables.",
-        "input",
+        names="input",
     )
     estimators: str = option("all", "Names separated by commas, or all. Default: all.", names="word")
     protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")
@@ -108,7 +109,7 @@ class SynthesizeArguments:
     """Arguments of the command."""
 
     photos: list[Path] = positional("Photos, or folders of photos.", "input")
-    output: Path = required("New folder; gets rs/, gs/, motion/ and manifest.json.", "results", short="-o")
+    output: Path = option(MISSING, "New folder; gets rs/, gs/, motion/ and manifest.json.", names="results", short="-o")
     pictures: Synthesize = field(default_factory=Synthesize)
     clip: SynthesizeClip = field(default_factory=SynthesizeClip)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -12,8 +12,10 @@ from unshutter.cli import Stopped, command_named, summaries
 from unshutter.cli.arguments import HELP_ALL, Command, add_arguments
 from unshutter.errors import UnshutterError, visible
 from unshutter.options import Find, Reference, option
-from unshutter.options.fields import positional, required
+from unshutter.options.fields import positional
 from unshutter.page.settings import Settings
+from unshutter.single.register import as_text, names
+from unshutter.storage.locations import RunFiles
 
 SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # supported by shtab
 _FILES = {"PATH", "FILE", "FOLDER"}  # metavars
@@ -54,8 +56,6 @@ def _whole_parser(files: object) -> argparse.ArgumentParser:
 
 def _complete(action: argparse.Action, files: object) -> None:
     """Adds completions that shtab cannot derive from the parser."""
-    from unshutter.single.register import names
-
     if action.choices is not None:
         return
     if action.dest in ("estimator", "estimators"):
@@ -82,9 +82,10 @@ class Map:
     """Arguments of ``unshutter map``."""
 
     source: Path = positional("Photo, or the motion file (.json) of one.", "input")
-    output: Path = required(
+    output: Path = option(
+        MISSING,
         "Map to write: .npz (map_x, map_y for cv2.remap), .exr (needs the extra `exr`) or .tif (ST map).",
-        "output",
+        names="output",
         short="-o",
     )
     inverse: bool = option(False, "Write the inverse map, from the straightened picture back to the photo.")
@@ -135,7 +136,7 @@ class Points:
     table: Path = positional(
         "CSV file with columns x and y, in px of the stored photo; other columns are kept.", "input"
     )
-    output: Path = required("CSV file to write.", "output", short="-o")
+    output: Path = option(MISSING, "CSV file to write.", names="output", short="-o")
     inverse: bool = option(False, "From the straightened picture to the photo.")
     first_pixel: Literal["0", "0.5"] = option(
         "0", "Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP). Default: 0."
@@ -147,7 +148,6 @@ def _points(arguments: Points) -> int:
     """Moves the points and reports how many; returns the exit code."""
     from unshutter.export import move_file
     from unshutter.motion import Motion
-    from unshutter.storage.locations import RunFiles
 
     RunFiles(arguments)
     motion, first = Motion.load(arguments.motion), float(arguments.first_pixel)
@@ -172,8 +172,6 @@ class Models:
 
 def _models(arguments: Models) -> int:
     """Prints the list of methods."""
-    from unshutter.single.register import as_text
-
     print(as_text())
     return 0
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from unshutter.errors import UsageError
 from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_time, option
-from unshutter.options.photo_options import check_focal, check_ratio, check_strength
+from unshutter.options.fields import check_values
+from unshutter.options.photo_options import check_focal, check_ratio
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 
@@ -63,7 +64,7 @@ class Shutter:
     )
 
     def __post_init__(self) -> None:
-        Readout.parse(self.readout)
+        check_values(self)
         if self.readout_ms is not None and self.readout_ratio is not None:
             raise UsageError("give --readout-ms or --readout-ratio, not both")
         if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
@@ -113,13 +114,7 @@ class ClipUndo:
     )
 
     def __post_init__(self) -> None:
-        check_strength(self.strength)
-        if self.edges not in get_args(ClipEdges) or self.reference not in get_args(Reference):
-            raise UsageError(
-                "unknown edges or reference row: choose keep, crop, fill or borrow, and first, middle or last"
-            )
-        if self.model not in get_args(FrameModel):
-            raise UsageError(f"unknown model '{self.model}': choose camera or dense")
+        check_values(self)
         if self.edges == "borrow" and self.model != "dense":
             raise UsageError("--edges borrow needs --model dense: choose fill, keep or crop without it")
         if self.edges == "crop" and self.model == "dense":

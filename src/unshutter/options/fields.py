@@ -35,7 +35,7 @@ def option(default: Any, help: str, **more: Any) -> Any:
     """Defines a field that is an option.
 
     Args:
-        default: value if the option is not used.
+        default: value if the option is not used; ``dataclasses.MISSING`` if it must be given.
         help: description of the option, for all interfaces.
         more: ``names`` (:data:`Names`), required for paths and text: ``RunFiles`` collects inputs and outputs, and a
             test gives every option that names something written the names of all inputs; ``metavar``, ``choices``,
@@ -49,11 +49,6 @@ def option(default: Any, help: str, **more: Any) -> Any:
 def positional(help: str, names: Names, optional: bool = False) -> Any:
     """Defines a positional argument; an optional list may be empty."""
     return field(metadata={"help": help, "names": names, "positional": True, "optional": optional})
-
-
-def required(help: str, names: Names, short: str | None = None) -> Any:
-    """Defines an option that must be given."""
-    return field(metadata={"help": help, "names": names, "short": short})
 
 
 _LONGEST = 1e9  # of a time, in any unit
@@ -126,6 +121,22 @@ def options_of(kind: type) -> Iterator[Option]:
             yield from options_of(each.kind)
         else:
             yield each
+
+
+def check_values(options: Any) -> None:
+    """Checks the values of a dataclass's own options against their choices and limits; None is allowed."""
+    for each in describe(type(options)):
+        value = None if isinstance(each, Group) else getattr(options, each.key)
+        if isinstance(each, Group) or value is None:
+            continue
+        words = _UNIT.sub("", each.name).replace("-", " ")
+        if each.choices and value not in each.choices:
+            raise UsageError(f"{words} must be one of {', '.join(each.choices)}, got {value}")
+        if each.limits and not each.limits[0] <= value <= each.limits[1]:
+            raise UsageError(f"{words} must lie between {each.limits[0]} and {each.limits[1]}, got {value:g}")
+
+
+_UNIT = re.compile("-(deg|percent)$")
 
 
 def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import check_time, option
+from unshutter.options.fields import check_time, check_values, option
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 
@@ -78,18 +78,12 @@ class Camera:
     folder_log_odds: float = 0.0
 
     def __post_init__(self) -> None:
-        Readout.parse(self.readout)
-        if self.moving not in (None, *get_args(Moving)):
-            ways = ", ".join(get_args(Moving))
-            raise UsageError(f"the direction of the camera must be one of {ways}, got {self.moving}")
+        check_values(self)
         if self.candidate is not None and self.candidate < 1:
             raise UsageError(f"candidates are counted from 1, got {self.candidate}")
         check_focal(self.focal_px)
         for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
             check_time(name, time, unit)
-        for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
-            if angle is not None and not -most <= angle <= most:
-                raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
 
     @property
     def direction(self) -> Readout:
@@ -176,15 +170,7 @@ class Undo:
     )
 
     def __post_init__(self) -> None:
-        check_strength(self.strength)
-        if self.upright not in (None, *get_args(Upright)):
-            raise UsageError(f"unknown upright '{self.upright}': choose one of {', '.join(get_args(Upright))}")
-        if self.min_confidence is not None and not 0 <= self.min_confidence <= 1:
-            raise UsageError(f"the minimum confidence must lie between 0 and 1, got {self.min_confidence:g}")
-        if self.edges != "borrow":
-            check_edges(self.edges)
-        if self.reference not in (None, *get_args(Reference)):
-            raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+        check_values(self)
 
     def keeping_coordinates(self) -> Undo:
         """Returns the options with automatic edges set to keep, for results that keep the photo's coordinates."""
@@ -231,14 +217,7 @@ class Save:
     )
 
     def __post_init__(self) -> None:
-        if self.quality is not None and not 1 <= self.quality <= 100:
-            raise UsageError(f"quality must lie between 1 and 100, got {self.quality}")
-        if self.subsampling not in (None, *get_args(Subsampling)):
-            choices = ", ".join(get_args(Subsampling))
-            raise UsageError(f"unknown subsampling '{self.subsampling}': choose one of {choices}")
-        if self.format not in (None, *get_args(PictureFormat)):
-            choices = ", ".join(get_args(PictureFormat))
-            raise UsageError(f"unknown picture format '{self.format}': choose one of {choices}")
+        check_values(self)
 
 
 FrameModel = Literal["camera", "dense"]

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from unshutter.errors import UsageError
 from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, option
 from unshutter.options.clip_options import RectifyClip
-from unshutter.options.fields import Group, Option, describe, options_of, with_values
+from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
 from unshutter.single.register import names
 from unshutter.video.cameras import table
 
@@ -98,11 +98,7 @@ class ByHand:
     )
 
     def __post_init__(self) -> None:
-        for each in options_of(ByHand):
-            value, word = getattr(self, each.key), each.name.partition("-")[0]
-            if each.limits and value is not None and not each.limits[0] <= value <= each.limits[1]:
-                least, most = each.limits
-                raise UsageError(f"the {word} must lie between {least} and {most}, got {value:g}")
+        check_values(self)
 
     def __bool__(self) -> bool:
         return self != ByHand()
