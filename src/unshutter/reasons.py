@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 
 class Cause(StrEnum):
@@ -29,16 +29,23 @@ class MotionSource(StrEnum):
     FILM = "film"  # the film inside the photo
 
 
-class Code(StrEnum):
-    """Code of a reason, as used in logs, manifests and the API of ``unshutter serve``."""
+class Worded(StrEnum):
+    """A word for programs, with an English sentence for people."""
 
-    sentence: str  # English, with the names of the reason's figures in braces
+    sentence: str
 
-    def __new__(cls, code: str, sentence: str) -> Code:
-        """Creates a code, whose value is its word."""
-        member = str.__new__(cls, code)
-        member._value_, member.sentence = code, sentence
+    def __new__(cls, word: str, sentence: str) -> Self:
+        """Creates a member, whose value is its word."""
+        member = str.__new__(cls, word)
+        member._value_, member.sentence = word, sentence
         return member
+
+
+class Code(Worded):
+    """Code of a reason, as used in logs, manifests and the API of ``unshutter serve``.
+
+    Its sentence has the names of the reason's figures in braces.
+    """
 
     # one photo: from an estimator
     STATED = "stated", "{sentence}"  # a sentence from another package's method

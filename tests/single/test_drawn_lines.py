@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import unshutter
+from support.line_scenes import lines_as_text
 from unshutter import DrawnLine, Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.photo import Photo
@@ -16,7 +17,6 @@ from unshutter.single.drawn_lines import (
     DrawnLikelihood,
     Trouble,
     lines_from_json,
-    lines_to_json,
     motion_from_lines,
 )
 from unshutter.single.estimator import View
@@ -138,9 +138,9 @@ def test_turned_photos_take_positions_of_their_stored_pixels() -> None:
 
 def test_files(tmp_path: Path) -> None:
     lines = (DrawnLine("upright", ((1.5, 2.0), (3.0, 40.0))), DrawnLine("straight", ((0, 0), (5, 20), (0, 40))))
-    assert lines_from_json(lines_to_json(lines)) == lines
+    assert lines_from_json(lines_as_text(lines)) == lines
     file = tmp_path / "lines.json"
-    file.write_text(lines_to_json(lines))
+    file.write_text(lines_as_text(lines))
     motion = unshutter.estimate(_grey(), lines=file)
     assert motion.estimator == "drawn-lines" and motion.height == HEIGHT
 
@@ -182,7 +182,7 @@ def _estimate(*arguments: object) -> int:
 def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     _grey().save(tmp_path / "grey.png")
     lines = [DrawnLine("upright", ((x, 30), (x + 20, 270))) for x in (100, 300)]
-    (tmp_path / "lines.json").write_text(lines_to_json([*lines, DrawnLine("level", ((60, 150), (340, 150)))]))
+    (tmp_path / "lines.json").write_text(lines_as_text([*lines, DrawnLine("level", ((60, 150), (340, 150)))]))
     assert _estimate(tmp_path / "grey.png", "--lines", tmp_path / "lines.json") == 0
     motion = Motion.from_json(capsys.readouterr().out)
     assert motion.tx_px[-1] == pytest.approx(25, abs=4)

@@ -1,9 +1,13 @@
 """Scenes of straight lines as a turning camera would see them, with the motion known."""
 
+import json
+from collections.abc import Iterable
+
 import numpy as np
 
 import unshutter
 from unshutter.motion import Motion, RotationMotion
+from unshutter.single.drawn_lines import FORMAT, DrawnLine
 from unshutter_lab.evaluation.metrics import motion_error
 
 HEIGHT, WIDTH, FOCAL = 400, 500, 450.0
@@ -114,3 +118,9 @@ def check_nothing_is_done_without_lines(name: str) -> None:
     motion = unshutter.estimate(np.full((200, 300), 128, np.uint8), estimator=name)
     assert motion.is_zero
     assert "only 0" in str(motion.reason)
+
+
+def lines_as_text(lines: Iterable[DrawnLine]) -> str:
+    """The text of a file of lines that a person drew."""
+    listed = [{"kind": line.kind, "points": line.points} for line in lines]
+    return json.dumps({"format": FORMAT, "lines": listed})

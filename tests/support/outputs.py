@@ -11,8 +11,9 @@ import numpy as np
 import unshutter
 from support import clips
 from support.batches import make_motion, make_photos
+from support.line_scenes import lines_as_text
 from unshutter.cli import main
-from unshutter.single.drawn_lines import DrawnLine, lines_to_json
+from unshutter.single.drawn_lines import DrawnLine
 
 WEIGHTS = Path(unshutter.__file__).parent / "weights" / "segment-transformer.npz"
 
@@ -83,7 +84,7 @@ def neighbours(folder: Path) -> Scene:
 def estimate(folder: Path) -> Scene:
     make_photos(folder, ["a.jpg"])
     weights, lines = shutil.copyfile(WEIGHTS, folder / "w.npz"), folder / "lines.json"
-    lines.write_text(lines_to_json([DrawnLine("upright", ((x, 9), (x, 60))) for x in (10, 80)]))
+    lines.write_text(lines_as_text([DrawnLine("upright", ((x, 9), (x, 60))) for x in (10, 80)]))
     words = ["estimate", folder / "a.jpg", "--estimator", f"segment-transformer@{weights}", "--lines", lines]
     inputs = [*with_film(folder / "a.jpg"), weights, lines]
     return Scene(words, inputs, {"--output": ".json", "--plot": ".png"}, any_name=[lines])

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -23,7 +22,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, Reason, Worded
 from unshutter.single.estimator import View
 from unshutter.single.likelihood import (
     STARTS,
@@ -82,7 +81,7 @@ class DrawnLine:
 
 
 def lines_from_json(text: str) -> tuple[DrawnLine, ...]:
-    """Parses text written by :func:`lines_to_json`."""
+    """Parses the text of a file of lines, format ``unshutter-lines/1``."""
     try:
         data = json.loads(text)
         if data["format"] != FORMAT:
@@ -100,12 +99,6 @@ def read_lines(path: Path) -> tuple[DrawnLine, ...]:
         return lines_from_json(read_text(path))
     except (OSError, UnicodeDecodeError) as error:
         raise UnshutterError(f"cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}") from None
-
-
-def lines_to_json(lines: Iterable[DrawnLine]) -> str:
-    """Returns lines as the text of a file, format ``unshutter-lines/1``."""
-    listed = [{"kind": line.kind, "points": [list(point) for point in line.points]} for line in lines]
-    return json.dumps({"format": FORMAT, "lines": listed})
 
 
 def checked_lines(lines: Sequence[DrawnLine]) -> tuple[DrawnLine, ...]:
@@ -234,16 +227,8 @@ class DrawnLikelihood(ManhattanLikelihood):
 # ---- the motion that they show ---------------------------------------------------------------------------
 
 
-class Trouble(StrEnum):
+class Trouble(Worded):
     """Why a line does not run in the result as it was drawn to."""
-
-    sentence: str
-
-    def __new__(cls, word: str, sentence: str) -> Trouble:
-        """Creates a trouble, whose value is its word."""
-        member = str.__new__(cls, word)
-        member._value_, member.sentence = word, sentence
-        return member
 
     SIDEWAYS = "sideways", "it runs across the direction that it is to have, and was not used"
     CONTRADICTS = "contradicts", "no plausible motion straightens it along with the other lines"
