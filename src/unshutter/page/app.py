@@ -29,10 +29,10 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.guard import Guard, Limits
 from unshutter.page.opened import Kind
-from unshutter.page.saves import Item, Saving, Savings, To, photo_result, unchanged_photo
+from unshutter.page.saves import Item, Saving, Savings, To, photo_result
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
-from unshutter.run.inputs import motion_name
+from unshutter.run.inputs import motion_name, unchanged_name
 from unshutter.version import __version__
 
 R = TypeVar("R")
@@ -163,7 +163,8 @@ async def _segments(request: Request) -> Response:
 async def _picture(request: Request) -> Response:
     """The rectified photo as a file, exactly as the command line would write it."""
     open_file, options = _open_file(request), _photo_options(request)
-    names = [name(open_file.name, options.save.format) for name in (photo_result, unchanged_photo)]
+    name, format = open_file.name, options.save.format
+    names = [photo_result(name, format), unchanged_name(PurePosixPath(name), format)]
     token = secrets.token_hex(6)
     targets = [
         open_file.path.with_name(f"{what}-{token}{PurePosixPath(name).suffix}")

@@ -105,7 +105,7 @@ class Saving:
                 report |= await asyncio.to_thread(self._clip_result, target, open_file if is_unchanged else None)
             else:
                 name, format = open_file.name, options.save.format
-                unchanged = None if self.only_changed else self._free_name(unchanged_photo(name, format))
+                unchanged = None if self.only_changed else self._free_name(unchanged_name(PurePosixPath(name), format))
                 places = self._free_name(photo_result(name, format)), unchanged
                 report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, open_file, *places, options)
         except UnshutterError as error:
@@ -214,12 +214,7 @@ def photo_result(name: str, format: str | None) -> str:
     pure = PurePosixPath(name)
     if of_suffix(pure.suffix) is None and format is None:
         raise UsageError(f"the name '{name}' has no extension of a picture format: choose a format")
-    return picture_name(pure, format)  # pyright: ignore[reportArgumentType]
-
-
-def unchanged_photo(name: str, format: str | None) -> str:
-    """Returns the name of a photo that is left unchanged: its own, or of another format if that is requested."""
-    return unchanged_name(PurePosixPath(name), format)  # pyright: ignore[reportArgumentType]
+    return picture_name(pure, format)
 
 
 def clip_result(name: str) -> str:

@@ -10,8 +10,6 @@ import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +25,7 @@ _WAIT_S = 2  # grace period for open responses at shutdown
 def serve(settings: Settings) -> int:
     """Serves the page until asked to stop, and returns the exit code."""
     try:
-        import uvicorn
+        import uvicorn.server
 
         from unshutter.page.app import application
     except ImportError as error:
@@ -48,11 +46,13 @@ def serve(settings: Settings) -> int:
             "limit_concurrency": _MOST_CONNECTIONS,
             "timeout_graceful_shutdown": _WAIT_S,
         }
+        hangup = getattr(signal, "SIGHUP", None)  # not available on Windows
+        if hangup is not None and signal.getsignal(hangup) not in (None, signal.SIG_IGN):
+            uvicorn.server.HANDLED_SIGNALS += (hangup,)  # it stops the server as SIGTERM does
         server = uvicorn.Server(uvicorn.Config(application(desk, token, port), **options))
         _announce(settings, port, token, folder)
         try:
-            with _ended_by_hangup(server.handle_exit):
-                asyncio.run(server.serve(sockets=[listener]))
+            asyncio.run(server.serve(sockets=[listener]))
         finally:
             desk.close()
     return 0
@@ -70,29 +70,6 @@ def _listening(host: str, port: int) -> socket.socket:
         raise UnshutterError(f"cannot listen on {host}, port {port}: {reason}; --port 0 takes a free port") from None
     listener.listen(_MOST_CONNECTIONS)
     return listener
-
-
-@contextmanager
-def _ended_by_hangup(end: Callable[[int, Any], None]) -> Iterator[None]:
-    """Makes SIGHUP, which uvicorn does not handle, stop the server as SIGTERM does before it ends the program."""
-    number = getattr(signal, "SIGHUP", None)  # not available on Windows
-    before = None if number is None else signal.getsignal(number)
-    if number is None or before in (None, signal.SIG_IGN):
-        yield
-        return
-    came: list[int] = []
-
-    def handle(number: int, frame: Any) -> None:
-        came.append(number)
-        end(number, frame)
-
-    signal.signal(number, handle)
-    try:
-        yield
-    finally:
-        signal.signal(number, before)
-    if came:
-        signal.raise_signal(number)
 
 
 def _announce(settings: Settings, port: int, token: str, folder: Path) -> None:

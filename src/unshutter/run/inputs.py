@@ -120,7 +120,7 @@ MOST_BYTES = 255  # longest file name in UTF-8; file systems that encrypt names 
 _JOINER = "\u200d"
 
 
-def picture_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
+def picture_name(photo: Place | PurePath, format: str | None = None, keep: bool = False) -> str:
     """Returns the name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``, or its own name if that is kept.
 
     A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``, because cameras write
@@ -136,7 +136,7 @@ def picture_name(photo: Place, format: str | None = None, keep: bool = False) ->
     return _marked(photo, photo.stem if same else photo.name, suffix)
 
 
-def unchanged_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
+def unchanged_name(photo: Place | PurePath, format: str | None = None, keep: bool = False) -> str:
     """Returns the name of a photo that is left unchanged: its own, unless another format is requested.
 
     Then the whole name is kept, ``a.heic`` -> ``a.heic.jpg``, or only the stem, as by :func:`picture_name`.
