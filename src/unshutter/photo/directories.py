@@ -106,7 +106,14 @@ class Tree:
         Empty if the tag is absent, not numeric, or a long table; a fraction with denominator zero is NaN.
         """
         entry = self.entry(tag, *path)
-        return numbers(entry, self.order) if entry else ()
+        if entry is None or entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
+            return ()
+        count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
+        values = struct.unpack(f"{self.order}{count}{_NUMBER[entry.kind]}", entry.data)
+        if entry.kind not in _FRACTIONS:
+            return values
+        pairs = zip(values[::2], values[1::2], strict=True)
+        return tuple(above / below if below else math.nan for above, below in pairs)
 
     def text(self, tag: int, *path: int) -> str:
         """Returns the text of a tag in the first page (or its sub-directory ``path``) up to a NUL; empty if absent."""
@@ -114,17 +121,6 @@ class Tree:
         if entry is None or entry.kind != 2:
             return ""
         return entry.data.partition(b"\0")[0].decode(errors="replace").strip()
-
-
-def numbers(entry: Entry, order: str) -> tuple[float, ...]:
-    """Returns the values of an entry, fractions divided; empty if not numeric, NaN for a denominator of zero."""
-    if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
-        return ()
-    count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
-    values = struct.unpack(f"{order}{count}{_NUMBER[entry.kind]}", entry.data)
-    if entry.kind not in _FRACTIONS:
-        return values
-    return tuple(above / below if below else math.nan for above, below in zip(values[::2], values[1::2], strict=True))
 
 
 # ---- reading -------------------------------------------------------------------------------------------

@@ -85,8 +85,7 @@ def is_merged(blob: bytes | None) -> bool:
         return True
     if tree.number(_COMPOSITE, EXIF) in _MERGED_BY_COMPOSITE:
         return True
-    note = maker_notes.read(blob)
-    return note is not None and note.maker == "Apple" and note.numbers(_APPLE_HDR) == (_IS_HDR,)
+    return maker_notes.apple(blob).numbers(_APPLE_HDR) == (_IS_HDR,)
 
 
 def setting(blob: bytes | None) -> tuple[object, ...] | None:

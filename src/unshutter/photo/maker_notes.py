@@ -1,9 +1,9 @@
-"""Maker notes: a maker's own directory of tags in EXIF, read as far as it is needed here, and adjusted when it moves.
+"""Maker notes: a maker's own directory of tags in EXIF; Apple's is read, and all are adjusted when they move.
 
-A note begins with the maker's name in some form. Its offsets are relative to its own start or to that of EXIF; those of
-the second kind are adjusted when the note moves. The content of a note is the maker's secret, but most notes are a TIFF
-directory after a few bytes of name. Offsets are taken as relative to all EXIF if more values then lie within the note
-than otherwise, or equally many that are closer to the directory's end, where values begin.
+A note usually begins with the maker's name in some form. Its offsets are relative to its own start or to that of EXIF;
+those of the second kind are adjusted when the note moves. The content of a note is the maker's secret, but most notes
+are a TIFF directory after a few bytes of name. Offsets are taken as relative to all EXIF if more values then lie within
+the note than otherwise, or equally many that are closer to the directory's end, where values begin.
 
 Source: the public descriptions of these notes by exiftool.org (facts only), makernote_types.html among them.
 """
@@ -13,102 +13,27 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from unshutter.photo import directories as tiff
 
-_MAKE = 0x010F
-_APPLE_CONTENT_IDENTIFIER = 0x0011
+_APPLE, _APPLE_ORDER_AT, _APPLE_DIRECTORY_AT, _APPLE_CONTENT_IDENTIFIER = b"Apple iOS\0", 12, 14, 0x0011
 _NIKON, _NIKON_HEAD, _NIKON_PREVIEW = b"Nikon\0\x02", 10, 0x0011  # its later notes; the directory of their preview
 
 
-@dataclass(frozen=True)
-class MakerNote:
-    """A maker's directory."""
-
-    maker: str  # name of the maker, as in :data:`_LAYOUTS`
-    order: str  # its byte order, as for struct
-    tags: tiff.Directory  # its entries by number
-    data: bytes  # data that its offsets refer to
-
-    def numbers(self, tag: int) -> tuple[float, ...]:
-        """Returns all values of a numeric tag, fractions divided; empty if absent."""
-        entry = self.tags.get(tag)
-        return tiff.numbers(entry, self.order) if isinstance(entry, tiff.Entry) else ()
-
-    def bytes(self, tag: int) -> bytes:
-        """Returns the bytes of a tag; empty if absent."""
-        entry = self.tags.get(tag)
-        return entry.data if isinstance(entry, tiff.Entry) else b""
-
-    def below(self, tag: int) -> MakerNote | None:
-        """Returns the sub-directory that a tag contains or points to; None without one."""
-        entry, numbers = self.tags.get(tag), self.numbers(tag)
-        if not isinstance(entry, tiff.Entry):
-            return None
-        at = int(numbers[0]) if len(numbers) == 1 else self.data.find(entry.data)
-        directory = tiff.read_directory(self.data, at, self.order)
-        return replace(self, tags=directory) if directory is not None else None
-
-
-class _Layout(NamedTuple):
-    """The layout of the start of a maker note."""
-
-    maker: str
-    begins: bytes  # its first bytes
-    at: int | None  # start of the directory in the note; None: stated in the note at byte 8
-    own_places: bool  # whether offsets are relative to its own start, rather than to that of EXIF
-    order: int | str  # position of its byte order mark, or its byte order; empty: that of EXIF
-
-
-_LAYOUTS = (
-    _Layout("Apple", b"Apple iOS\0", 14, True, 12),
-    _Layout("Fujifilm", b"FUJIFILM", None, True, "<"),
-    _Layout("Olympus", b"OLYMPUS\0", 12, True, 8),
-    _Layout("Olympus", b"OM SYSTEM\0", 16, True, 12),
-    _Layout("Olympus", b"OLYMP\0", 8, False, ""),
-    _Layout("Panasonic", b"Panasonic\0\0\0", 12, False, ""),
-    _Layout("Pentax", b"PENTAX \0", 10, True, 8),
-    _Layout("Pentax", b"AOC\0", 6, False, 4),
-)
-
-
-def read(blob: bytes | None) -> MakerNote | None:
-    """Reads the maker note of an EXIF blob; returns None if there is none of a known kind."""
-    whole = (blob or b"").removeprefix(tiff.EXIF_PREFIX)
-    tree = tiff.read_tree(io.BytesIO(whole))
+def apple(blob: bytes | None) -> tiff.Tree:
+    """Reads the directory of Apple's maker note in an EXIF blob; empty if there is none."""
+    tree = tiff.read_tree(io.BytesIO((blob or b"").removeprefix(tiff.EXIF_PREFIX)))
     entry = tree.entry(tiff.MAKER_NOTE, tiff.EXIF) if tree else None
-    if tree is None or entry is None:
-        return None
-    note = entry.data
-    if note.startswith(_NIKON):  # contains a complete TIFF structure
-        own = note[_NIKON_HEAD:]
-        nikon = tiff.read_tree(io.BytesIO(own), most_pages=1)
-        return MakerNote("Nikon", nikon.order, nikon.pages[0], own) if nikon else None
-    layout = next((one for one in _LAYOUTS if note.startswith(one.begins) and len(note) > 16), None)
-    if layout is None:
-        return _note_at("Canon", tree.order, whole, whole.find(note)) if tree.text(_MAKE).startswith("Canon") else None
-    order = layout.order or tree.order
-    if isinstance(order, int):
-        order = {b"II": "<", b"MM": ">"}.get(note[order : order + 2], tree.order)
-    at = struct.unpack_from("<I", note, 8)[0] if layout.at is None else layout.at
-    if layout.own_places:
-        return _note_at(layout.maker, order, note, at)
-    return _note_at(layout.maker, order, whole, whole.find(note) + at)
-
-
-def _note_at(maker: str, order: str, data: bytes, at: int) -> MakerNote | None:
-    directory = tiff.read_directory(data, at, order)
-    return MakerNote(maker, order, directory, data) if directory else None
+    note = entry.data if entry else b""
+    order = "<" if note[_APPLE_ORDER_AT:_APPLE_DIRECTORY_AT] == b"II" else ">"
+    directory = tiff.read_directory(note, _APPLE_DIRECTORY_AT, order) if note.startswith(_APPLE) else None
+    return tiff.Tree(order, [directory or {}])
 
 
 def content_identifier(blob: bytes | None) -> str:
     """Returns the identifier that Apple gives to a Live Photo and its film; empty if EXIF has none."""
-    note = read(blob)
-    if note is None or note.maker != "Apple":
-        return ""
-    return note.bytes(_APPLE_CONTENT_IDENTIFIER).split(b"\0")[0].decode("ascii", errors="replace").strip()
+    return apple(blob).text(_APPLE_CONTENT_IDENTIFIER)
 
 
 # ---- notes that move -----------------------------------------------------------------------------------
