@@ -1,12 +1,13 @@
 """Files that are opened in place are files, and have no other name."""
 
 import os
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.files import check_plain, digest, new_hash, open_plain, same_bytes
+from unshutter.storage.files import check_plain, digest, new_hash, open_plain, written_whole
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and devices")
 ADDING = os.O_RDWR | os.O_CREAT | os.O_APPEND
@@ -56,11 +57,14 @@ def test_content_has_a_digest(tmp_path: Path) -> None:
     assert digest(tmp_path / "missing") is None
 
 
-def test_same_bytes(tmp_path: Path) -> None:
-    for name, data in {"a": b"x" * 3_000_000, "b": b"x" * 3_000_000, "c": b"x" * 2_999_999 + b"y", "d": b"x"}.items():
+def test_only_a_file_with_the_same_bytes_counts_as_written(tmp_path: Path) -> None:
+    for name, data in {"a": b"x" * 3_000_000, "c": b"x" * 2_999_999 + b"y", "d": b"x"}.items():
         (tmp_path / name).write_bytes(data)
-    assert same_bytes(tmp_path / "a", tmp_path / "b")
-    assert not any(same_bytes(tmp_path / "a", tmp_path / other) for other in ("c", "d", "missing"))
+    others = ["c", "d"]
     if os.name != "nt":
-        (tmp_path / "link").symlink_to("b")
-        assert not same_bytes(tmp_path / "a", tmp_path / "link")
+        (tmp_path / "link").symlink_to("a")
+        others.append("link")
+    for name in ("a", *others):
+        refused = pytest.raises(UnshutterError, match="exists already") if name in others else nullcontext()
+        with refused, written_whole(tmp_path / name, overwrite=False) as part:
+            part.write_bytes(b"x" * 3_000_000)

@@ -15,6 +15,7 @@ import re
 import secrets
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections import Counter
@@ -34,11 +35,7 @@ from unshutter.page.settings import Settings
 from unshutter.photo.formats import of_suffix
 from unshutter.run.loop import Workers
 from unshutter.run.workers import processes
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
+from unshutter.storage.files import lock
 
 R = TypeVar("R")
 
@@ -169,9 +166,7 @@ def temporary_folder() -> Iterator[Path]:
     folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
     descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
     try:
-        if fcntl is not None:
-            with suppress(OSError):  # the file system does not support locks
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
+        lock(descriptor)
         yield folder
     finally:
         os.close(descriptor)
@@ -180,15 +175,15 @@ def temporary_folder() -> Iterator[Path]:
 
 def _remove_leftovers() -> None:
     """Deletes temporary folders of this user's processes that have ended."""
-    if fcntl is None:
+    if sys.platform == "win32":  # which removes no folder of open files
         return
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with suppress(OSError):
             if folder.is_symlink() or folder.stat().st_uid != os.getuid():
                 continue
-            with (folder / _LOCK).open("rb") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while the owning process is running
-                shutil.rmtree(folder, ignore_errors=True)
+            with (folder / _LOCK).open("rb") as file:
+                if lock(file.fileno()):  # otherwise the owning process is running
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 def clean_name(name: str, otherwise: str = "photo") -> str:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from dataclasses import MISSING, fields, replace
 from functools import cached_property
@@ -28,7 +27,7 @@ from unshutter.run.folder import Judged
 from unshutter.run.work import Job, Outcome
 from unshutter.single.register import weights_file
 from unshutter.storage import locations
-from unshutter.storage.files import is_torn, open_plain, write_all
+from unshutter.storage.files import is_torn, lock, open_plain, write_all
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
@@ -257,38 +256,14 @@ class FileJournal:
             self._lock = None
 
     def _hold(self) -> None:
-        lock = open_plain(self._path, os.O_RDONLY)
-        try:
-            _lock(lock)
-        except BlockingIOError:
-            os.close(lock)
+        descriptor = open_plain(self._path, os.O_RDONLY)
+        if lock(descriptor) is False:
+            os.close(descriptor)
             raise UnshutterError(
                 "another run is writing to {folder}: wait until it has ended, or choose another folder",
                 folder=self._path.parent,
-            ) from None
-        self._lock = lock
-
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _lock(descriptor: int) -> None:
-        os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # beyond the lines: locked bytes cannot be read
-        try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        except PermissionError:
-            raise BlockingIOError from None
-
-else:
-    import fcntl
-
-    def _lock(descriptor: int) -> None:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise
-        except OSError:
-            pass  # the file system does not support locks
+            )
+        self._lock = descriptor
 
 
 class ObjectJournal:

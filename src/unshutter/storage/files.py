@@ -14,6 +14,7 @@ import math
 import os
 import re
 import stat
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -152,20 +153,6 @@ def new_hash(data: bytes = b""):
     return blake2b(data, digest_size=16)
 
 
-def same_bytes(one: Path, other: Path) -> bool:
-    """Whether both are plain files with identical contents."""
-    try:
-        with open(open_plain(one, os.O_RDONLY), "rb") as first, open(open_plain(other, os.O_RDONLY), "rb") as second:
-            if os.fstat(first.fileno()).st_size != os.fstat(second.fileno()).st_size:
-                return False
-            while chunk := first.read(1 << 20):
-                if second.read(len(chunk)) != chunk:
-                    return False
-            return True
-    except (OSError, UnshutterError):
-        return False
-
-
 SPILL_BYTES = 1 << 31  # larger arrays are kept in a file
 
 
@@ -186,10 +173,30 @@ def nameless_file() -> IO[bytes]:
     return tempfile.TemporaryFile(prefix="unshutter-")
 
 
-try:
-    import fcntl
-except ImportError:  # Windows, where open files can be neither replaced nor removed anyway
-    fcntl = None
+def lock(descriptor: int, wait: bool = False) -> bool | None:
+    """Locks an open file until it is closed, however its process ends; returns whether nobody else has locked it.
+
+    None if the file system does not support locks.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # beyond the content: locked bytes cannot be read
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError:
+            return False
+    else:
+        import fcntl
+
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return None
+    return True
+
 
 _PART = re.compile(r"\.unshutter-[0-9a-f]{16}\.part(\..*)?")
 _LEFT_S = 3600  # without locks, a temporary file of this age counts as abandoned
@@ -300,11 +307,10 @@ def _make_and_hold(part: Path, mode: int) -> int | None:
     """Creates an empty file and locks it for the lifetime of this process, which shows others that it is in use."""
     while True:
         descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | NEVER_FOLLOW, mode)
-        if fcntl is None:
+        if sys.platform == "win32":  # where open files can be neither replaced nor removed anyway
             os.close(descriptor)
             return None
-        with suppress(OSError):  # the file system does not support locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        lock(descriptor, wait=True)
         if os.fstat(descriptor).st_nlink:
             return descriptor
         os.close(descriptor)  # removed as a leftover between the two steps
@@ -337,23 +343,23 @@ def _take_name(part: Path, target: Path, overwrite: bool) -> None:
                 raise
             if not os.path.lexists(target):
                 return os.rename(part, target)
-    if not same_bytes(part, target):
-        raise exists(target)
+    import filecmp  # imported here: few results exist already
+
+    with suppress(OSError):
+        if target.is_file() and not target.is_symlink() and filecmp.cmp(part, target, shallow=False):
+            return None
+    raise exists(target)
 
 
 def _removed_if_left(part: Path) -> bool:
     """Removes a temporary file unless it is still being written."""
-    if fcntl is not None:
+    if sys.platform != "win32":
         with open(open_plain(part, os.O_RDONLY), "rb") as stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return False
-            except OSError:
-                pass  # the file system does not support locks: decide by age
-            else:
+            is_left = lock(stream.fileno())
+            if is_left:
                 part.unlink()  # while holding the lock, so that a writer that has just created the file notices
-                return True
+            if is_left is not None:
+                return is_left
     left = time.time() - part.stat().st_mtime > _LEFT_S
     if left:
         part.unlink()
