@@ -36,7 +36,7 @@ _HEADERS = {
 }
 _CLOSE = {"connection": "close"}  # the rest of the body will not be read
 _LEAST_RATE = 20_000.0  # lowest speed of a body [bytes/s]
-_HEADERS_S = 10.0  # from the connection, or the first bytes of a request, to the end of its headers
+_HEADERS_S = 10.0  # from the connection to the end of its first request's headers
 
 
 class Guard:
@@ -146,51 +146,22 @@ class Limits:
 class Connection(H11Protocol):
     """HTTP connection that closes if no request arrives, sooner if its place is needed; uvicorn's own would wait."""
 
-    def __init__(self, *arguments: Any, **options: Any):
-        super().__init__(*arguments, **options)
-        self._deadline: asyncio.TimerHandle | None = None
-
     def connection_made(self, transport: Any) -> None:
         """See asyncio.Protocol."""
         super().connection_made(transport)
+        loop = asyncio.get_running_loop()
+        self._made_s = loop.time()
+        loop.call_later(_HEADERS_S, lambda: self.cycle or self.transport.close())
         if self.limit_concurrency is not None and len(self.connections) >= self.limit_concurrency:
-            self._make_room()
-        self._expect_headers()
+            idle = [each for each in self.connections if isinstance(each, Connection) and each.is_idle]
+            for oldest in sorted(idle, key=lambda each: each._made_s)[:1]:  # so that silent ones keep nobody out
+                oldest.transport.close()
+                self.connections.discard(oldest)
 
-    def _make_room(self) -> None:
-        """Closes the connection that has waited longest for a request, so that silent ones keep nobody out."""
-        connections = (each for each in self.connections if isinstance(each, Connection))
-        waiting = [(each._deadline.when(), each) for each in connections if each._deadline is not None]
-        if waiting:
-            _, oldest = min(waiting, key=lambda pair: pair[0])
-            oldest._give_up()
-            self.connections.discard(oldest)
-
-    def data_received(self, data: bytes) -> None:
-        """See asyncio.Protocol."""
-        if self._deadline is None and (self.cycle is None or self.cycle.response_complete):
-            self._expect_headers()
-        super().data_received(data)
-        if self.cycle is not None and not self.cycle.response_complete:
-            self._forget()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """See asyncio.Protocol."""
-        self._forget()
-        super().connection_lost(exc)
-
-    def _expect_headers(self) -> None:
-        self._deadline = asyncio.get_running_loop().call_later(_HEADERS_S, self._give_up)
-
-    def _give_up(self) -> None:
-        self._deadline = None
-        if self.transport is not None and (self.cycle is None or self.cycle.response_complete):
-            self.transport.close()
-
-    def _forget(self) -> None:
-        if self._deadline is not None:
-            self._deadline.cancel()
-            self._deadline = None
+    @property
+    def is_idle(self) -> bool:
+        """Whether no request has arrived that was not answered yet."""
+        return self.cycle is None or self.cycle.response_complete
 
 
 def _too_large(most: int) -> HTTPException:
