@@ -14,14 +14,12 @@ from typing import TYPE_CHECKING
 from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.photo.formats import FORMATS
 from unshutter.photo.formats.picture_format import Format, Header
-from unshutter.photo.libvips import Source, as_image, computed, in_srgb, libvips, refusing, standard, to_8_bits
+from unshutter.photo.libvips import Source, as_image, in_srgb, libvips, refusing, standard, to_8_bits
 from unshutter.storage.files import check_plain
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
-
-    from unshutter.orientation import Orientation
 
 SEVERAL_PICTURES = ".mpo"  # from stereo cameras; its first bytes are those of a JPEG
 _HEAD_BYTES = 64
@@ -159,33 +157,16 @@ class Decoder:
 _BEHIND = 128  # grey level under transparent areas of small copies
 
 
-def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, longest_px: int = 0) -> np.ndarray:
-    """Renders a picture as shown by a viewer: [H, W, 3] uint8 RGB, read-only; transparent areas are white.
-
-    Without a profile, the stored pixels are sRGB; ``longest_px`` is the long side to which they are reduced, 0 for full
-    size.
-    """
-    import numpy as np
-
-    with refusing("cannot show the picture"):
-        scale = longest_px / max(image.width, image.height) if longest_px else 1.0
-        if scale < 1:
-            image = image.resize(scale)
-        image = _flattened(image, 255)
-        if icc is not None:
-            image = in_srgb(image, icc)
-        image = to_8_bits(standard(image))
-        colour = image if image.bands == 3 else image[0].bandjoin([image[0], image[0]])
-        return np.ascontiguousarray(orientation.upright(computed(standard(colour))))
-
-
-def screen_pixels(image: pyvips.Image, height: int, width: int, profile: bytes | None) -> np.ndarray:
+def screen_pixels(
+    image: pyvips.Image, height: int, width: int, profile: bytes | None, behind: int = _BEHIND
+) -> np.ndarray:
     """Returns [height, width, 3] uint8 sRGB of the stored pixels of an image, scaled to that size, which is not larger.
 
-    Transparent areas become grey; without a profile, or with one that does not fit, the colours count as sRGB.
+    Transparent areas get the grey level ``behind`` (of 255); without a profile, or with one that does not fit, the
+    colours count as sRGB.
     """
     with refusing("cannot compute the copy for the screen"):
-        image = _flattened(image, _BEHIND)
+        image = _flattened(image, behind)
         if (image.height, image.width) != (height, width):
             image = image.resize(width / image.width, vscale=height / image.height, kernel="mitchell")
         if profile is None:

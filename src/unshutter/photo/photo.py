@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeGuard
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, Save
 from unshutter.orientation import Orientation
-from unshutter.photo import decoder, exif, saving
+from unshutter.photo import attitude, decoder, exif, exposure, saving
+from unshutter.photo.attitude import Attitude
 from unshutter.photo.decoder import Decoder, grey_copy, grey_size, read_header
+from unshutter.photo.film import PhotoFilm, film_of
 from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source, as_image, with_bands
 from unshutter.photo.saving import FileOutput
+from unshutter.readout_time import ReadoutTime
 from unshutter.storage.files import Times, times_of
 
 if TYPE_CHECKING:
@@ -26,10 +29,6 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
     from PIL.Image import Image
-
-    from unshutter.photo.attitude import Attitude
-    from unshutter.photo.film import PhotoFilm
-    from unshutter.readout_time import ReadoutTime
 
 
 PREVIEW = "unshutter --preview"  # the program that previews name in EXIF
@@ -125,8 +124,6 @@ class Photo(FileOutput):
         height, width, bands = pixels.shape
         metadata = Metadata()
         if exposure_s is not None:
-            from unshutter.photo import exposure
-
             metadata = Metadata(exif=exposure.blob_of(exposure_s))
         elif software:
             metadata = Metadata(exif=exif.of_software(software))
@@ -221,8 +218,6 @@ class Photo(FileOutput):
 
     def film(self) -> PhotoFilm | None:
         """Returns the film that belongs to the photo; None if there is none."""
-        from unshutter.photo.film import film_of
-
         source, metadata = self._decoder.source if self._decoder is not None else None, self._metadata
         return film_of(source, self.format, metadata.film, metadata.xmp, metadata.exif)
 
@@ -268,10 +263,12 @@ class Photo(FileOutput):
         else:
             pixels = self._decoder.reduced(longest)
             image = as_image(pixels[..., :-1] if self.masked else pixels)
-        side = max(self.height, self.width)
-        scale = 1.0 if longest is None else min(longest / side, 1.0)
-        height, width = (max(round(size * scale), 1) for size in (self.height, self.width))
-        return decoder.screen_pixels(image, height, width, self._metadata.icc)
+        return decoder.screen_pixels(image, *self._size_for(longest), self._metadata.icc)
+
+    def _size_for(self, longest: int | None) -> tuple[int, int]:
+        """Returns height and width [px] of a copy whose longer side is at most this long; None: full size."""
+        scale = 1.0 if longest is None else min(longest / max(self.height, self.width), 1.0)
+        return max(round(self.height * scale), 1), max(round(self.width * scale), 1)
 
     # ---- the camera ------------------------------------------------------------------------------------
 
@@ -281,8 +278,6 @@ class Photo(FileOutput):
 
     def exposure_s(self) -> float | None:
         """Returns the exposure time [s] from EXIF; None if unknown."""
-        from unshutter.photo import exposure  # imported here, as below, so that decoding can start first
-
         return exposure.time_s(self._metadata.exif)
 
     @property
@@ -292,45 +287,31 @@ class Photo(FileOutput):
 
     def taken(self) -> datetime | None:
         """Returns the time at which the photo was taken, from EXIF, in the camera's time zone; None if unknown."""
-        from unshutter.photo import exposure
-
         return exposure.taken(self._metadata.exif)
 
     def camera(self) -> str:
         """Returns make and model of the camera, from EXIF; empty if unknown."""
-        from unshutter.photo import exposure
-
         return exposure.camera(self._metadata.exif)
 
     def setting(self) -> tuple[object, ...] | None:
         """Returns what photos of a burst have in common, from EXIF; None if this cannot be one of them."""
-        from unshutter.photo import exposure
-
         return exposure.setting(self._metadata.exif)
 
     def bends_lines(self) -> bool:
         """Whether the lens or camera named in EXIF bends straight lines."""
-        from unshutter.photo import exposure
-
         return exposure.bends_lines(self._metadata.exif)
 
     def is_merged(self) -> bool:
         """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
-        from unshutter.photo import exposure
-
         return exposure.is_merged(self._metadata.exif)
 
     def readout_time(self) -> ReadoutTime:
         """Returns the likely readout time for the kind of camera named in EXIF."""
-        from unshutter.photo import exposure
-
         return exposure.readout_time(self._metadata.exif)
 
     @cached_property
     def attitude(self) -> Attitude | None:
         """The camera's attitude, as recorded by an accelerometer, level gauge or gimbal; None if unknown."""
-        from unshutter.photo import attitude
-
         metadata = self._metadata
         return attitude.of_photo(metadata.exif, metadata.xmp, Orientation(self.orientation), self.height, self.width)
 
@@ -356,7 +337,9 @@ class Photo(FileOutput):
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
         """
-        return decoder.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
+        size = self._size_for(longest_px or None)
+        pixels = decoder.screen_pixels(self._picture, *size, self._metadata.icc, behind=255)
+        return Orientation(self.orientation).upright(pixels)
 
     def file_as(self, format: str, how: Save) -> Source | None:
         """Returns the photo's encoded data, if a result in this format with these options would be a copy of them.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.photo import Photo
+from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.photo import PREVIEW
 from unshutter.progress import Progress, rate
 from unshutter.reasons import Cause, Code, pixels
@@ -23,6 +24,7 @@ from unshutter.storage.locations import Place, fingerprint
 
 if TYPE_CHECKING:
     import numpy as np
+    import pyvips
 
     from unshutter.motion.verdict import Verdict
     from unshutter.run.folder import Folder
@@ -251,7 +253,7 @@ def _advice(verdict: Verdict) -> str:
 MOST_PHOTOS = 500  # per sheet
 _ACROSS = 3  # photos per row
 _GAP = 8  # px; larger for a large single photo
-_WHITE, _BLACK = 255, (0, 0, 0)
+_WHITE, _BLACK = [255.0], (0, 0, 0)
 
 
 class Preview:
@@ -292,40 +294,30 @@ class Preview:
         if not self._pairs:
             return f"no photo was processed: {self._path} was not written"
         sheet = _sheet([*self._pairs.values()])
-        Photo.from_array(sheet, software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
+        Photo.from_array(sheet.numpy(), software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
         more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""
         return f"before and after: {self._path}{more}"
 
 
-def _sheet(pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]]) -> np.ndarray:
-    """Arranges all pairs, captioned, in rows; returns uint8 [H, W, 3]."""
-    import numpy as np
-
+def _sheet(pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]]) -> pyvips.Image:
+    """Arranges all pairs, captioned, in rows."""
     tiles = [_tile(caption, *pair) for caption, pair in pairs]
-    width = max(tile.shape[1] for tile in tiles) + 2 * _GAP
-    rows = []
-    for first in range(0, len(tiles), _ACROSS):
-        row = tiles[first : first + _ACROSS]
-        height = max(tile.shape[0] for tile in row) + _GAP
-        rows.append(np.full((height, min(_ACROSS, len(tiles)) * width, 3), _WHITE, np.uint8))
-        for k, tile in enumerate(row):
-            rows[-1][: tile.shape[0], k * width + _GAP :][:, : tile.shape[1]] = tile
-    return np.concatenate(rows)
+    width = max(tile.width for tile in tiles) + 2 * _GAP
+    sheet, *more = (
+        libvips().Image.arrayjoin(tiles[first : first + _ACROSS], hspacing=width, background=_WHITE)
+        for first in range(0, len(tiles), _ACROSS)
+    )
+    for row in more:
+        sheet = sheet.join(row, "vertical", expand=True, shim=_GAP, background=_WHITE)
+    return sheet.embed(_GAP, 0, sheet.width, sheet.height + _GAP, background=_WHITE, extend="background")
 
 
-def _tile(caption: str, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def _tile(caption: str, before: np.ndarray, after: np.ndarray) -> pyvips.Image:
     """Places both pictures side by side, vertically centred, under their caption."""
-    import numpy as np
-
+    how = {"expand": True, "background": _WHITE}
     gap = max(_GAP, before.shape[1] // 100)
-    height, width = max(before.shape[0], after.shape[0]), before.shape[1] + gap + after.shape[1]
-    title = _title(caption, width)
-    tile = np.full((len(title) + height, width, 3), _WHITE, np.uint8)
-    tile[: len(title)] = title
-    for picture, left in ((before, 0), (after, before.shape[1] + gap)):
-        top = len(title) + (height - picture.shape[0]) // 2
-        tile[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
-    return tile
+    pair = as_image(before).join(as_image(after), "horizontal", shim=gap, align="centre", **how)
+    return as_image(_title(caption, pair.width)).join(pair, "vertical", **how)
 
 
 def _title(caption: str, width: int) -> np.ndarray:
@@ -338,5 +330,5 @@ def _title(caption: str, width: int) -> np.ndarray:
     thick = max(1, round(1.5 * scale))
     (wide, high), _ = cv2.getTextSize(text, font, scale, thick)
     scale *= min(1.0, (width - _GAP) / max(wide, 1))
-    title = np.full((2 * high + _GAP, width, 3), _WHITE, np.uint8)
+    title = np.full((2 * high + _GAP, width, 3), 255, np.uint8)
     return np.asarray(cv2.putText(title, text, (2, high + high // 2), font, scale, _BLACK, thick, cv2.LINE_AA))
