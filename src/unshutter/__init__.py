@@ -65,37 +65,31 @@ __all__ = [
 ]
 
 _HOMES = {
-    "ClipOutcome": "video.outcome",
-    "Candidate": "motion.verdict",
-    "DrawnLine": "single.drawn_lines",
-    "Estimator": "single.estimator",
-    "Method": "single",
-    "Motion": "motion",
-    "Photo": "photo",
-    "Readout": "orientation",
-    "Rectified": "motion.rectified",
-    "RectifiedFrame": "frames.sequence_rectification",
-    "RotationMotion": "motion",
-    "RowMotion": "motion",
-    "View": "single.estimator",
-    "candidates": "api",
-    "estimate": "api",
-    "estimate_frames": "frames.sequence",
-    "load": "single.register",
-    "rectify": "api",
-    "rectify_clip": "video.clip_functions",
-    "rectify_clip_frames": "video.clip_functions",
-    "rectify_frames": "frames.sequence_rectification",
+    "api": ("candidates", "estimate", "rectify"),
+    "frames.sequence": ("estimate_frames",),
+    "frames.sequence_rectification": ("RectifiedFrame", "rectify_frames"),
+    "motion": ("Motion", "RotationMotion", "RowMotion"),
+    "motion.rectified": ("Rectified",),
+    "motion.verdict": ("Candidate",),
+    "orientation": ("Readout",),
+    "photo": ("Photo",),
+    "single": ("Method",),
+    "single.drawn_lines": ("DrawnLine",),
+    "single.estimator": ("Estimator", "View"),
+    "single.register": ("load",),
+    "video.clip_functions": ("rectify_clip", "rectify_clip_frames"),
+    "video.outcome": ("ClipOutcome",),
 }
 
 
 def __getattr__(name: str) -> object:
     """Imports public names on first use, to keep ``import unshutter`` fast."""
-    if name not in _HOMES:
+    home = next((module for module, names in _HOMES.items() if name in names), None)
+    if home is None:
         raise AttributeError(f"module 'unshutter' has no attribute '{name}'")
     from importlib import import_module
 
-    value = getattr(import_module(f"unshutter.{_HOMES[name]}"), name)
+    value = getattr(import_module(f"unshutter.{home}"), name)
     globals()[name] = value
     return value
 

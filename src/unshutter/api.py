@@ -15,14 +15,14 @@ from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Re
 from unshutter.options.fields import check_type, for_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, open_photo
-from unshutter.single.drawn_lines import DrawnLine, read_lines
+from unshutter.single.drawn_lines import DrawnLine, StraightenedLines, motion_from_lines, read_lines
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import DoNothing, chosen, find_candidates
+from unshutter.single.network import SegmentNetwork
 from unshutter.single.register import load, method
 
 if TYPE_CHECKING:
     from unshutter.frames.motion_photo import FilmEvidence
-    from unshutter.single.drawn_lines import StraightenedLines
 
 
 # ---- for users ------------------------------------------------------------------------------------------
@@ -193,9 +193,6 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
 
 def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) -> StraightenedLines:
     """Finds the motion that straightens lines drawn along things in a photo, with the first row as the reference."""
-    from unshutter.single.drawn_lines import motion_from_lines
-    from unshutter.single.network import SegmentNetwork
-
     network = SegmentNetwork(method(DEFAULT_ESTIMATOR).weights)
     return motion_from_lines(View(photo, camera), lines, network)
 

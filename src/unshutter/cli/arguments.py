@@ -166,18 +166,14 @@ def _usage(kind: type) -> str:
     return " ".join([*(f"[{name}]" if each.more.get("optional") else name for each, name in places), "[options]"])
 
 
-def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
-    """Adds the arguments of a dataclass, with a group for each nested dataclass."""
-    _add_to(parser, parser, kind)
-
-
-def _add_to(parser: argparse.ArgumentParser, group: Any, kind: type) -> None:
+def add_arguments(parser: argparse.ArgumentParser, kind: type, group: Any = None) -> None:
+    """Adds the arguments of a dataclass to a group, if one is given, with a group for each nested dataclass."""
     for each in describe(kind):
         if isinstance(each, Group):
-            _add_to(parser, parser.add_argument_group(each.title), each.kind)
+            add_arguments(parser, each.kind, parser.add_argument_group(each.title))
         else:
             names, properties = _argument(each)
-            group.add_argument(*names, **properties)
+            (group or parser).add_argument(*names, **properties)
 
 
 def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:

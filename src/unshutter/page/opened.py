@@ -30,13 +30,8 @@ Kind: TypeAlias = Literal["photo", "clip"]
 _NOTE_S = 0.2  # between progress updates
 _QUALITY = 88  # of JPEGs for the screen
 
-# Readout directions in the stored picture as (right, down), and names of directions in the upright picture.
-_READ = {
-    Readout.TOP_TO_BOTTOM: (0, 1),
-    Readout.BOTTOM_TO_TOP: (0, -1),
-    Readout.LEFT_TO_RIGHT: (1, 0),
-    Readout.RIGHT_TO_LEFT: (-1, 0),
-}
+# readout directions in the stored picture as (right, down), by quarter turns; names of those in the upright picture
+_READ = ((0, 1), (-1, 0), (0, -1), (1, 0))
 _ARROWS = {(0, 1): "down", (0, -1): "up", (1, 0): "right", (-1, 0): "left"}
 
 
@@ -163,4 +158,4 @@ def corners_of(window: tuple[float, float, float, float], orientation: int) -> l
 def arrows(orientation: int) -> dict[str, str]:
     """Maps each readout direction to its direction in the upright picture: up, down, left or right."""
     upright = Orientation(orientation).upright_direction
-    return {str(readout): _ARROWS[upright(*direction)] for readout, direction in _READ.items()}
+    return {str(readout): _ARROWS[upright(*_READ[readout.quarter_turns])] for readout in Readout}

@@ -163,20 +163,6 @@ def _timed(place: int | None, timeout_s: float, fn: Callable[..., Any], *args: A
 
 
 @contextmanager
-def _quiet_loggers() -> Iterator[None]:
-    """Keeps Dask from printing tracebacks when its scheduler shuts down, which unshutter reports itself."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "tornado.application")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
-
-
-@contextmanager
 def cluster(address: str) -> Iterator[Workers]:
     """Connects to the workers of a Dask scheduler, which need unshutter and the same view of the files."""
     try:
@@ -187,7 +173,9 @@ def cluster(address: str) -> Iterator[Workers]:
         client = Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UnshutterError(f"cannot reach the Dask scheduler {address}: {' '.join(str(error).split())}") from None
-    with _quiet_loggers(), client:
+    for name in ("distributed", "distributed.client", "tornado.application"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # no tracebacks when the scheduler shuts down
+    with client:
 
         def executor() -> Executor:
             return client.get_executor(pure=False)
