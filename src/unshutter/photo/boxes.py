@@ -81,11 +81,12 @@ def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
     return _HEAD, size or left, name
 
 
-def refuse_animation(source: Source) -> None:
-    """Rejects a file whose type is that of a sequence of pictures."""
+def look(source: Source) -> tuple[BoxCoding, tuple[str, ...]]:
+    """Returns the coding of the primary picture, and names of additional content; rejects sequences of pictures."""
     with source.stream() as stream:
         if _ANIMATION.match(stream.read(12)):
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
+        return read_coding(stream), extras_in_words(stream)
 
 
 # ---- properties of the primary picture -----------------------------------------------------------------

@@ -74,11 +74,6 @@ def has_loop(blob: bytes) -> bool:
     return False
 
 
-def without_loop(blob: bytes) -> bytes | None:
-    """Returns the blob, rewritten if its directories contain a loop; None if nothing can be recovered."""
-    return of_tiff(read(blob)) if has_loop(blob) else blob
-
-
 def orientation(blob: bytes | None) -> Orientation | None:
     """Returns the orientation in an EXIF blob; None if it is missing or meaningless."""
     number = read(blob).number(_ORIENTATION)

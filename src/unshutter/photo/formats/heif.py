@@ -36,21 +36,18 @@ class Avif(WrittenFormat):
     """AVIF: 8, 10 or 12 bits, RGB; the decoder returns grey as three channels."""
 
     name = written_as = "avif"
-    suffixes = (".avif",)
+    loader, suffixes = "heifload", (".avif",)
     signature = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
     longest_side, deep, grey, alpha = 16_384, True, False, True
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
-        boxes.refuse_animation(source)
-        readable = picture_format.without_exif_loops(source, _exif_blocks)
-        image = picture_format.open_image(readable, "heifload")
-        with source.stream() as stream:
-            own, left_behind = boxes.read_coding(stream), boxes.extras_in_words(stream)
+        own, left_behind = boxes.look(source)
+        image = picture_format.open_image(self, source)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         metadata = replace(picture_format.metadata_of(image), left_behind=left_behind)
-        if readable is not source:
+        if picture_format.readable(self, source) is not source:
             metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *left_behind))
         metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
@@ -60,10 +57,19 @@ class Avif(WrittenFormat):
         bands = header.bands - 2 if own.grey else header.bands
         return replace(header, height=height, width=width, bands=bands, orientation=own.orientation)
 
+    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+        """See Format."""
+        extent = boxes.extent(file, b"Exif")
+        if extent is not None:
+            file.seek(extent.at)
+            content = file.read(extent.length)  # four bytes with the position of the TIFF header, then EXIF
+            start = 4 + int.from_bytes(content[:4], "big")
+            yield picture_format.ExifBlock(extent.at + start, content[start:])
+
     @memory_returned()
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        pixels = picture_format.decode(picture_format.without_exif_loops(source, _exif_blocks), "heifload")
+        pixels = super().decode(source, header)
         if header.bands <= 2 < pixels.shape[2]:
             pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
         return header.orientation.stored(pixels)
@@ -100,15 +106,6 @@ class Avif(WrittenFormat):
         return []
 
 
-def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
-    extent = boxes.extent(file, b"Exif")
-    if extent is not None:
-        file.seek(extent.at)
-        content = file.read(extent.length)  # four bytes with the position of the TIFF header, then EXIF
-        start = 4 + int.from_bytes(content[:4], "big")
-        yield picture_format.ExifBlock(extent.at + start, content[start:])
-
-
 @final
 class Heic(Format):
     """HEIC: read-only."""
@@ -119,20 +116,17 @@ class Heic(Format):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        boxes.refuse_animation(source)
+        own, left_behind = boxes.look(source)
         picture = _primary(source)
         info = picture.info
-        with source.stream() as stream:
-            own, left_behind = boxes.read_coding(stream), boxes.extras_in_words(stream)
         height, width = own.orientation.size(*picture.size[::-1])
         profile, packet = info.get("icc_profile") or profile_of(*own.code_points, source), info.get("xmp")
-        blob = info.get("exif")
         metadata = Metadata(
-            exif=exif.without_loop(blob) if blob else None,
+            exif=info.get("exif") or None,
             icc=bytes(profile) if profile else None,
             xmp=bytes(packet) if packet else None,
-            left_behind=(("EXIF (damaged)",) if blob and exif.has_loop(blob) else ()) + left_behind,
-        )
+            left_behind=left_behind,
+        ).without_exif_loop()
         coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
         return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)
 

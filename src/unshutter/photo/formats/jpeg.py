@@ -15,13 +15,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
+from unshutter.errors import UnshutterError
 from unshutter.photo import chunks, exif, xmp
 from unshutter.photo.chunks import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind, insert
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.film import appended_film
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
-from unshutter.photo.libvips import Source, computed, libvips, refusing
+from unshutter.photo.libvips import Source
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,6 +56,7 @@ class Jpeg(WrittenFormat):
     """JPEG: 8 bits, grey or RGB, no alpha; the only format that can be decoded at a reduced size for less work."""
 
     name = written_as = "jpeg"
+    loader = "jpegload"
     suffixes, signature = (".jpg", ".jpeg", ".jpe", ".jfif"), re.compile(rb"\xff\xd8\xff")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
@@ -62,22 +64,26 @@ class Jpeg(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        image = picture_format.open_image(picture_format.without_exif_loops(source, _exif_blocks), "jpegload")
+        image = picture_format.open_image(self, source)
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = _with_segments(picture_format.metadata_of(image), stream)
+            metadata = _with_segments(picture_format.metadata_of(image), stream).without_exif_loop()
         return picture_format.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. libjpeg only warns of damaged data."""
-        with refusing("{photo} is damaged or incomplete", photo=source):
-            data = picture_format.without_exif_loops(source, _exif_blocks)
-            try:
-                return computed(data.load("jpegload", access="sequential", fail_on="warning", shrink=shrink))
-            except libvips().Error as error:
-                if not _HARMLESS.search(error.detail):
-                    raise
-                return computed(data.load("jpegload", access="sequential", fail_on="error", shrink=shrink))
+        try:
+            return picture_format.decoded(self, source, "warning", shrink=shrink)
+        except UnshutterError as error:
+            if not _HARMLESS.search(getattr(error.__cause__, "detail", "")):
+                raise
+            return picture_format.decoded(self, source, shrink=shrink)
+
+    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+        """See Format."""
+        for _, content in before_the_scan(file, (APP1,)):
+            if content.startswith(EXIF_PREFIX):
+                yield picture_format.ExifBlock(file.tell() - len(content), content)
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
@@ -120,12 +126,6 @@ def _is_too_long(packet: bytes | None) -> bool:
     return packet is not None and len(packet) + len(_XMP) > chunks.LONGEST
 
 
-def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
-    for _, content in before_the_scan(file, (APP1,)):
-        if content.startswith(EXIF_PREFIX):
-            yield picture_format.ExifBlock(file.tell() - len(content), content)
-
-
 def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     """Completes the metadata that libvips found in a JPEG with those that it loses or truncates.
 
@@ -134,13 +134,9 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     """
     listed = list(before_the_scan(file, _METADATA))
     jfif = next((content for content in _beginning(listed, APP0, _JFIF) if len(content) >= 12), None)
-    first_exif = next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None)
-    blob = None if first_exif is None else exif.without_loop(first_exif)
     prefix = chunks.RESOURCES_PREFIX  # of each segment; a block may be split between two
     resources = [part.removeprefix(prefix) for part in _beginning(listed, APP13, prefix)]
     left_behind = [name for marker, content in listed if (name := _lost(marker, content, metadata.xmp))]
-    if blob is not first_exif:
-        left_behind.append("EXIF (damaged)")
     film = appended_film(file, xmp.film_bytes(metadata.xmp))
     if film is not None:
         left_behind += film.left_behind
@@ -152,7 +148,7 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
         left_behind.append("data behind the picture")
     return replace(
         metadata,
-        exif=blob,
+        exif=next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None),
         density=None if jfif is None else struct.unpack_from(">BHH", jfif, 7),
         resources=prefix + b"".join(resources) if resources else None,
         comments=tuple(content for marker, content in listed if marker == COMMENT),

@@ -6,7 +6,7 @@ import dataclasses
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -65,6 +65,13 @@ class Metadata:
         if blob is self.exif:
             return self
         return replace(self, exif=blob, left_behind=(*self.left_behind, "GeoTIFF (the picture is cropped)"))
+
+    def without_exif_loop(self) -> Metadata:
+        """Returns the metadata; EXIF whose directories contain a loop is rewritten, or left out if it cannot be."""
+        if self.exif is None or not exif.has_loop(self.exif):
+            return self
+        blob = exif.of_tiff(exif.read(self.exif))
+        return replace(self, exif=blob, left_behind=("EXIF (damaged)", *self.left_behind))
 
     @property
     def main_resolution(self) -> Resolution:
@@ -174,15 +181,24 @@ class Format(ABC):
 
 
 class WrittenFormat(Format):
-    """A file format that can also be written."""
+    """A file format that libvips reads and writes."""
 
     name: ClassVar[PictureFormat]
+    loader: ClassVar[str]  # libvips's operation that reads it
     longest_side: ClassVar[int]  # maximum side [px]
     deep: ClassVar[bool]  # whether it supports more than 8 bits
     grey: ClassVar[bool]  # whether it supports pictures with one channel
     alpha: ClassVar[bool]  # whether it supports transparency
     masks: ClassVar[bool] = False  # whether it supports an extra channel that is not transparency
     holds: ClassVar[frozenset[str]]  # attributes of ``Metadata`` that its files can hold
+
+    def exif_blocks(self, file: BinaryIO) -> Iterable[ExifBlock]:
+        """Returns the EXIF in a file that libvips would read."""
+        return ()
+
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """See Format."""
+        return decoded(self, source)
 
     @abstractmethod
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
@@ -223,10 +239,10 @@ class ExifBlock(NamedTuple):
     blob: bytes
 
 
-def without_exif_loops(source: Source, exif_blocks: Callable[[BinaryIO], Iterable[ExifBlock]]) -> Source:
+def readable(format: WrittenFormat, source: Source) -> Source:
     """Hides EXIF whose directories contain loops from libvips, which would take minutes to read them."""
     with suppress(OSError), source.stream() as stream:  # libvips reports errors in the file
-        places = [block.marker_at for block in exif_blocks(stream) if exif.has_loop(block.blob)]
+        places = [block.marker_at for block in format.exif_blocks(stream) if exif.has_loop(block.blob)]
         if places:
             stream.seek(0)
             copy = bytearray(stream.read())
@@ -248,10 +264,10 @@ def metadata_of(image: pyvips.Image) -> Metadata:
     )
 
 
-def open_image(source: Source, operation: str) -> pyvips.Image:
+def open_image(format: WrittenFormat, source: Source) -> pyvips.Image:
     """Opens the picture without decoding its pixels."""
     with refusing("{photo} is damaged, incomplete or unusual", photo=source):
-        image = source.load(operation, access="sequential")
+        image = readable(format, source).load(format.loader, access="sequential")
         image.get_fields()  # checked here because their names may be damaged, too
     return image
 
@@ -285,10 +301,10 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
         raise UnshutterError(f"{{photo}} has {image.bands} channels: convert it to grey or RGB first", photo=source)
 
 
-def decode(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
+def decoded(format: WrittenFormat, source: Source, fail_on: str = "error", **options: Any) -> np.ndarray:
     """Decodes the pixels [H, W, bands]."""
     with refusing("{photo} is damaged or incomplete", photo=source):
-        return computed(source.load(operation, access="sequential", fail_on=fail_on))
+        return computed(readable(format, source).load(format.loader, access="sequential", fail_on=fail_on, **options))
 
 
 def encode(picture: Picture, operation: str, path: Path | None, **options: Any) -> bytes | None:

@@ -17,7 +17,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
+from typing import BinaryIO, final
 
 from unshutter.errors import UnshutterError
 from unshutter.orientation import Orientation
@@ -27,10 +27,6 @@ from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, Resolution, WrittenFormat
 from unshutter.photo.libvips import Source, field, profile_of
-
-if TYPE_CHECKING:
-    import numpy as np
-
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
 _PIXELS = (b"IDAT", b"fdAT")
@@ -55,6 +51,7 @@ class Png(WrittenFormat):
     """PNG: 8 or 16 bits, lossless."""
 
     name = written_as = "png"
+    loader = "pngload"
     suffixes, signature = (".png",), re.compile(rb"\x89PNG\r\n\x1a\n")
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "chunks"})
@@ -63,16 +60,20 @@ class Png(WrittenFormat):
         """See Format."""
         with source.stream() as stream:
             own = _read_metadata(source, stream)
-        image = picture_format.open_image(picture_format.without_exif_loops(source, _exif_blocks), "pngload")
+        image = picture_format.open_image(self, source)
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         resolution = Resolution(image.xres, image.yres)
         metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=resolution)
         header = picture_format.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
-    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
         """See Format."""
-        return picture_format.decode(picture_format.without_exif_loops(source, _exif_blocks), "pngload")
+        extent = chunks.extent_of(file, b"eXIf")
+        if extent is not None:
+            start, end = extent
+            file.seek(start + 8)
+            yield picture_format.ExifBlock(start + 8, file.read(end - start - 12))
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat. :meth:`embed` adds XMP, because libvips compresses it, against the XMP specification."""
@@ -99,14 +100,6 @@ class Png(WrittenFormat):
         return []
 
 
-def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
-    extent = chunks.extent_of(file, b"eXIf")
-    if extent is not None:
-        start, end = extent
-        file.seek(start + 8)
-        yield picture_format.ExifBlock(start + 8, file.read(end - start - 12))
-
-
 def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
     """Reads all metadata except the profile in the chunk iCCP, which libvips decompresses, and the resolution."""
     blobs: dict[str, bytes] = {}
@@ -119,9 +112,10 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
         elif name == b"eXIf":
             blobs["exif"] = data  # takes precedence over a text
         elif name in TEXTS and (hidden := _metadata_in(name, data)) is not None:
-            if not hidden.data:
-                lost.append(f"{hidden.attribute.upper()} (damaged)")
-            blobs.setdefault(hidden.attribute, hidden.data)
+            attribute, blob = hidden
+            if not blob:
+                lost.append(f"{attribute.upper()} (damaged)")
+            blobs.setdefault(attribute, blob)
         elif name == b"PLTE":
             palette = data
         elif name == b"acTL" and data[:4] > _ONE_FRAME:
@@ -142,19 +136,17 @@ def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) 
 
 def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes, bytes]], lost: list[str]) -> Metadata:
     """Builds the metadata from blobs by attribute, copied chunks, and names of what is lost."""
-    blob = blobs.get("exif", b"")
-    if exif.has_loop(blob):
-        lost.append("EXIF (damaged)")
     code_points = dict(carried).get(b"cICP", b"")
     profile = profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
-    return Metadata(
-        exif=exif.without_loop(blob) or None,
+    metadata = Metadata(
+        exif=blobs.get("exif") or None,
         icc=profile or blobs.get("icc") or None,
         xmp=blobs.get("xmp") or None,
         resources=blobs.get("resources") or None,
         chunks=tuple(carried),
         left_behind=tuple(dict.fromkeys(lost)),
     )
+    return metadata.without_exif_loop()
 
 
 def _coding(file: BinaryIO) -> tuple[int, int]:
@@ -189,23 +181,19 @@ _LONGEST = 1 << 26  # maximum size of a decompressed text that is metadata [byte
 _HEX_LINE = 72  # characters
 
 
-class _TextMetadata(NamedTuple):
-    """Metadata in a text: an attribute of ``Metadata``, and its value, which is empty if unreadable."""
+def _metadata_in(name: bytes, data: bytes) -> tuple[str, bytes] | None:
+    """Extracts metadata of other formats from a text; returns None for plain texts.
 
-    attribute: str
-    data: bytes
-
-
-def _metadata_in(name: bytes, data: bytes) -> _TextMetadata | None:
-    """Extracts metadata of other formats from a text; returns None for plain texts."""
+    Returns an attribute of ``Metadata``, and its value, which is empty if unreadable.
+    """
     keyword = data[:80].partition(b"\0")[0]
     kind = _XMP if keyword == _XMP else keyword.removeprefix(_RAW).lower()
     if kind not in _ATTRIBUTES or not keyword.startswith((_RAW, _XMP)):
         return None
     content = _content(name, data[len(keyword) + 1 :])
     if content is None:
-        return _TextMetadata(_ATTRIBUTES[kind], b"")
-    return _TextMetadata("xmp", content) if keyword == _XMP else _meaning(kind, _unpacked_profile(content))
+        return _ATTRIBUTES[kind], b""
+    return ("xmp", content) if keyword == _XMP else _meaning(kind, _unpacked_profile(content))
 
 
 def _content(name: bytes, data: bytes) -> bytes | None:
@@ -236,14 +224,14 @@ def _unpacked_profile(content: bytes) -> bytes:
         return b""
 
 
-def _meaning(kind: bytes, data: bytes) -> _TextMetadata:
+def _meaning(kind: bytes, data: bytes) -> tuple[str, bytes]:
     """Identifies the metadata in a raw profile, for the kind ``app1`` by its first bytes."""
     if data.startswith(_XMP_OF_JPEG):
-        return _TextMetadata("xmp", data.removeprefix(_XMP_OF_JPEG))
+        return "xmp", data.removeprefix(_XMP_OF_JPEG)
     attribute = _ATTRIBUTES[kind]
     if attribute == "exif" and not exif.read(data):
-        return _TextMetadata("exif", b"")
-    return _TextMetadata(attribute, chunks.resources_of_blocks(data) if attribute == "resources" and data else data)
+        return "exif", b""
+    return attribute, chunks.resources_of_blocks(data) if attribute == "resources" and data else data
 
 
 def _chunk_of_resources(resources: bytes) -> tuple[bytes, bytes]:

@@ -43,7 +43,7 @@ _OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
 _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 _CANON_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
-_FLIPS = (Orientation.FLIP_LEFT_RIGHT, Orientation.FLIP_TOP_BOTTOM, Orientation.TRANSPOSE)  # bits of LibRaw's flip
+_ORIENTATIONS = (1, 2, 4, 3, 5, 8, 6, 7)  # of EXIF, by LibRaw's flip
 _SRGB_CURVE = (2.4, 12.92)
 _COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # LibRaw's, which rawpy cannot turn off
 
@@ -76,7 +76,8 @@ class Raw(Format):
             resources=chunks.resources_of_tiff(tree) if tree else None,
             left_behind=left_behind,
         )
-        return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, _orientation(sizes.flip), metadata)
+        orientation = Orientation(_ORIENTATIONS[sizes.flip & 7])
+        return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, orientation, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
@@ -105,14 +106,6 @@ class Raw(Format):
         if pixels.shape != (header.height, header.width, 3):
             raise UnshutterError("{photo} cannot be developed: LibRaw turned or cut it", photo=source)
         return pixels
-
-
-def _orientation(flip: int) -> Orientation:
-    """Converts LibRaw's number for an orientation, whose bits are steps in ascending order."""
-    orientation = Orientation.NORMAL
-    for bit, step in enumerate(_FLIPS):
-        orientation = orientation.then(step) if flip & 1 << bit else orientation
-    return orientation
 
 
 @contextmanager

@@ -42,6 +42,7 @@ class Tiff(WrittenFormat):
     """TIFF: 8 or 16 bits, lossless."""
 
     name = written_as = "tiff"
+    loader = "tiffload"
     suffixes, signature = (".tif", ".tiff"), re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
     longest_side, deep, grey, alpha, masks = 10_000_000, True, True, True, True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "description"})
@@ -51,7 +52,7 @@ class Tiff(WrittenFormat):
         with source.stream() as stream:
             tree = read_tree(stream) or Tree("<", [{}])
         _check_kind(source, tree)
-        image = picture_format.open_image(source, "tiffload")
+        image = picture_format.open_image(self, source)
         coding = Coding(
             bits=field(image, "bits-per-sample", 8),
             compression=tree.number(_COMPRESSION),
@@ -60,16 +61,17 @@ class Tiff(WrittenFormat):
         metadata = picture_format.metadata_of(image)
         if exif.has_no_resolution_unit(tree):  # libvips reads that as pixels per millimetre
             metadata = replace(metadata, resolution=Resolution())
+        lost = [*_unknown_tags(tree), *(["parts of the maker's note"] if maker_notes.is_incomplete(tree) else [])]
+        resources = chunks.resources_of_tiff(tree)
         metadata = replace(
-            metadata, exif=exif.of_tiff(tree), resources=chunks.resources_of_tiff(tree), description=None
+            metadata, exif=exif.of_tiff(tree), resources=resources, description=None, left_behind=tuple(lost)
         )
-        metadata = replace(metadata, left_behind=tuple(_left_behind(tree)))
         return picture_format.header(self, source, image, coding, metadata, _pictures(tree))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. Damaged JPEG data cause only a warning; most other warnings are harmless."""
         fail_on = "warning" if header.coding.compression == _JPEG else "error"
-        return picture_format.decode(source, "tiffload", fail_on)
+        return picture_format.decoded(self, source, fail_on)
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
@@ -119,13 +121,6 @@ def _extra_samples(tree: Tree) -> int:
     """Returns the number of channels beyond grey or RGB."""
     samples = tree.number(_SAMPLES) or 1
     return samples - _COLOURS.get(tree.number(_PHOTOMETRIC), samples)
-
-
-def _left_behind(tree: Tree) -> Iterator[str]:
-    """Names the parts that no result contains: unknown tags, and parts of the maker note."""
-    yield from _unknown_tags(tree)
-    if maker_notes.is_incomplete(tree):
-        yield "parts of the maker's note"
 
 
 def _unknown_tags(tree: Tree) -> Iterator[str]:

@@ -10,16 +10,12 @@ import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
+from typing import BinaryIO, NamedTuple, final
 
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source
-
-if TYPE_CHECKING:
-    import numpy as np
-
 
 _METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is a misspelling by some programs
 _OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
@@ -31,25 +27,26 @@ class Webp(WrittenFormat):
     """WebP: 8 bits, RGB."""
 
     name = written_as = "webp"
+    loader = "webpload"
     suffixes, signature = (".webp",), re.compile(rb"RIFF....WEBP", re.DOTALL)
     longest_side, deep, grey, alpha = 16_383, False, False, True
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        readable = picture_format.without_exif_loops(source, _exif_blocks)
-        image = picture_format.open_image(readable, "webpload")
+        image = picture_format.open_image(self, source)
         with source.stream() as stream:
             lossless = _is_lossless(stream)
-            metadata = _with_chunks(picture_format.metadata_of(image), stream)
+            metadata = _with_chunks(picture_format.metadata_of(image), stream).without_exif_loop()
         coding = Coding(subsampled=not lossless, lossless=lossless)
-        if readable is not source:
-            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *metadata.left_behind))
         return picture_format.header(self, source, image, coding, metadata)
 
-    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
         """See Format."""
-        return picture_format.decode(picture_format.without_exif_loops(source, _exif_blocks), "webpload")
+        for chunk in _chunks(file):
+            if chunk.name == b"EXIF":
+                blob = _data(file, chunk)
+                yield picture_format.ExifBlock(chunk.at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob)
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
@@ -123,7 +120,7 @@ def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
         lost.append("data behind the picture")
     return replace(
         metadata,
-        exif=metadata.exif or blobs.get("exif") or None,
+        exif=blobs.get("exif") or None,
         xmp=metadata.xmp or blobs.get("xmp") or None,
         left_behind=tuple(dict.fromkeys(lost)),
     )
@@ -134,13 +131,6 @@ def _has_data_behind(file: BinaryIO) -> bool:
     file.seek(4)
     file.seek(8 + int.from_bytes(file.read(4), "little"))
     return bool(file.read(_LONGEST).strip(b"\0"))
-
-
-def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
-    for chunk in _chunks(file):
-        if chunk.name == b"EXIF":
-            blob = _data(file, chunk)
-            yield picture_format.ExifBlock(chunk.at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob)
 
 
 def _is_lossless(file: BinaryIO) -> bool:
