@@ -125,11 +125,6 @@ class Orientation(IntEnum):
         """Whether the stored pixels are mirrored left to right before they are rotated."""
         return _STEPS[self][1]
 
-    @property
-    def swaps_sides(self) -> bool:
-        """Whether upright and stored pictures have width and height swapped."""
-        return self.quarter_turns % 2 == 1
-
     def then(self, other: Orientation) -> Orientation:
         """Returns the single orientation equivalent to this one followed by the other one."""
         turns = -self.quarter_turns if other.mirrored else self.quarter_turns
@@ -137,7 +132,7 @@ class Orientation(IntEnum):
 
     def size(self, height: int, width: int) -> tuple[int, int]:
         """Returns (height, width) of the upright picture for a stored one of that size, or the reverse."""
-        return (width, height) if self.swaps_sides else (height, width)
+        return (width, height) if self.quarter_turns % 2 else (height, width)
 
     def upright(self, pixels: np.ndarray) -> np.ndarray:
         """Returns a view of stored pixels [H, W, ...] as shown by a viewer."""

@@ -11,6 +11,7 @@ import asyncio
 import ipaddress
 import secrets
 import time
+from contextlib import suppress
 from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -91,11 +92,9 @@ class Guard:
 
 
 def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
+    with suppress(ValueError):
+        return bool(ipaddress.ip_address(name))
+    return False
 
 
 def _denial(status: int, reason: str) -> JSONResponse:

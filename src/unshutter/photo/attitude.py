@@ -46,7 +46,8 @@ def of_photo(
     Orientation, height and width are those of the stored pixels.
     """
     vector = maker_notes.apple(blob).numbers(_APPLE_VECTOR)  # gravity is (-y, -x, -z): right, down, forward
-    if len(vector) == 3 and _GRAVITY_IN_G[0] <= math.hypot(*vector) <= _GRAVITY_IN_G[1] and not _is_front(blob):
+    is_front = "front" in exif.read(blob).text(_LENS_MODEL, EXIF).lower()  # for it, the vector has another frame
+    if len(vector) == 3 and _GRAVITY_IN_G[0] <= math.hypot(*vector) <= _GRAVITY_IN_G[1] and not is_front:
         gravity = -vector[1], -vector[0], -vector[2]
         return _in_picture(gravity, "accelerometer (Apple)", orientation, height, width)
     return attitude_of_xmp(xmp) if xmp and orientation is Orientation.NORMAL else None
@@ -77,11 +78,6 @@ def _in_picture(
         readout = Readout.RIGHT_TO_LEFT if roll > 0 else Readout.LEFT_TO_RIGHT
         return Attitude(off_quarter, tilt, source, readout)
     return None
-
-
-def _is_front(blob: bytes | None) -> bool:
-    """Whether the front camera was used, for which the vector has another frame."""
-    return "front" in exif.read(blob).text(_LENS_MODEL, EXIF).lower()
 
 
 # ---- XMP -----------------------------------------------------------------------------------------------

@@ -52,8 +52,8 @@ def taken(blob: bytes | None) -> datetime | None:
 def time_s(blob: bytes | None) -> float | None:
     """Returns the exposure time [s] in an EXIF blob; None if it is missing or implausible."""
     tree = exif.read(blob)
-    time = _first(tree, _EXPOSURE_TIME)
-    if time is None and (speed := _first(tree, _SHUTTER_SPEED)) is not None and abs(speed) < 40:
+    time, speed = (next(iter(tree.numbers(tag, EXIF)), None) for tag in (_EXPOSURE_TIME, _SHUTTER_SPEED))
+    if time is None and speed is not None and abs(speed) < 40:
         time = 2.0**-speed  # APEX
     return time if time is not None and _SHORTEST_S <= time <= _LONGEST_S else None
 
@@ -97,11 +97,6 @@ def setting(blob: bytes | None) -> tuple[object, ...] | None:
     if not tree or tree.number(_EXPOSURE_MODE, EXIF) == _BRACKET or is_merged(blob):
         return None
     return camera(blob), *(tree.numbers(tag, EXIF) for tag in _SETTINGS)
-
-
-def _first(tree: Tree, tag: int) -> float | None:
-    numbers = tree.numbers(tag, EXIF)
-    return numbers[0] if numbers else None
 
 
 # ---- readout time --------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from unshutter.motion.motion import Chance
 from unshutter.motion.verdict import LIKELY, Candidate, KindOfMotion
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
-from unshutter.single.prospects import MOVING, Option, Prospect, experience, prospect
+from unshutter.single.prospects import MOVING, Mode, Prospect, experience, prospect
 from unshutter.single.search import Optima, Posterior, displacement, expected_error, mixture_moments
 from unshutter.single.smear import Smear, smear_of
 
@@ -101,13 +101,6 @@ _ALIKE_SHARE = 0.15  # or than this share of their size, look the same
 _CLEARLY = 1.5  # times the mean's benefit, from which a mode is preferred: a few lines decide between two alike
 _PROBABLY = 0.5  # probability that a motion helps, from which a photo that is left alone counts as unsure
 _HARDLY = 0.2  # below this, nothing visible moved
-
-
-@dataclass(frozen=True, eq=False)
-class Mode(Option):
-    """A motion that might be undone, and its kind."""
-
-    kind: KindOfMotion = "other"
 
 
 def candidates_of(

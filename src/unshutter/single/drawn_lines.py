@@ -40,12 +40,11 @@ from unshutter.single.prior import (
     ROLL,
     TILT,
     UNKNOWNS,
-    YAW,
     MotionKind,
     SecondOpinion,
     shipped,
 )
-from unshutter.single.search import PX, bend, descend, displacement
+from unshutter.single.search import PX, bend, descend, displacement, poses
 from unshutter.storage.files import read_text
 
 LineKind: TypeAlias = Literal["upright", "level", "straight"]
@@ -298,9 +297,8 @@ def _plausible(unknowns: np.ndarray, mean: np.ndarray) -> bool:
     return far2 < _FARTHEST**2 and tilt < _STEEPEST and PX * bend(motion - mean[MOTION]) < _MOST_BENT_PX
 
 
-_ROLLS, _TILTS = np.radians([-3, 0, 3]), np.radians([-8, 0, 8, 18, 32])  # of starting poses
-_LOG_FOCALS, _YAWS = np.array([-0.35, 0.25]), np.arange(9) * (math.pi / 2 / 9)
-_POSES, _FIRST_STEPS, _FOLLOWED = 2, 10, 8  # per motion and roll; of all poses; best ones that continue
+_ROLLS = np.radians([-3, 0, 3])  # of starting poses
+_FIRST_STEPS, _FOLLOWED = 10, 8  # of all poses; best ones that continue
 _CHANGED = np.array([*range(UNKNOWNS)[MOTION], TILT])  # unknowns that straighten lines
 _READILY = np.array([0.06, 0.03, 0.003, 0.02, 0.01, 0.001, 0.1])  # how much of each: shear rather than bend and turn
 _ONTO_LINES = 5  # steps
@@ -311,17 +309,7 @@ def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) 
 
     Poses are searched more widely than without lines, including roll, because lines may show a camera held askew.
     """
-    expected = likelihood.prior.mean
-    poses = np.stack(np.meshgrid(_ROLLS, _TILTS, _LOG_FOCALS, _YAWS), axis=-1).reshape(-1, 4)
-    grid = np.zeros((len(poses), UNKNOWNS))
-    grid[:, [ROLL, TILT, LOG_FOCAL, YAW]] = poses + expected[[ROLL, TILT, LOG_FOCAL, YAW]]
-    begin = []
-    for motion in motions:
-        grid[:, MOTION] = motion
-        energy = likelihood.energy(grid)
-        for roll in _ROLLS:
-            (held,) = np.nonzero(poses[:, 0] == roll)
-            begin.append(grid[held[np.argsort(energy[held])[:_POSES]]])
+    begin = [poses(likelihood, motion, roll) for motion in motions for roll in _ROLLS]
     everything = slice(0, UNKNOWNS)
     tried, energy, _ = descend(likelihood, np.concatenate(begin), everything, steps=_FIRST_STEPS)
     optima, energy, hessian = descend(likelihood, tried[np.argsort(energy)[:_FOLLOWED]], everything)

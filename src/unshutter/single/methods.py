@@ -136,10 +136,22 @@ class Manhattan(_RightAngles):
         return candidates_of(posterior, view, self.name), posterior
 
 
+class _WithNetwork(Estimator):
+    """Has the network (network.py)."""
+
+    def __init__(self, method: Method, weights: Path | None = None):
+        super().__init__(method, weights)
+        self._network = SegmentNetwork(weights)
+
+    def prepare(self) -> None:
+        """Opens the network."""
+        self._network.open()
+
+
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: range of the network's training data
 
 
-class SegmentManhattan(_RightAngles):
+class SegmentManhattan(_WithNetwork, _RightAngles):
     """segment-manhattan: the posterior mean, including the network's estimate as an observation.
 
     The network estimates curvature well and shear poorly; right angles, if present, determine the shear. Its estimate
@@ -154,13 +166,8 @@ class SegmentManhattan(_RightAngles):
         kinds: tuple[MotionKind, ...] = (),
     ):
         super().__init__(method, weights)
-        self._network = SegmentNetwork(weights)
         self._errors = errors or shipped().network_errors
         self.kinds = kinds or shipped().kinds
-
-    def prepare(self) -> None:
-        """Opens the network."""
-        self._network.open()
 
     def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes:
         _, tilt = view.attitude_deg()
@@ -183,16 +190,8 @@ class SegmentManhattan(_RightAngles):
 SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
 
 
-class SegmentTransformer(Estimator):
+class SegmentTransformer(_WithNetwork):
     """segment-transformer: the answer of the network (network.py) on the line segments of a photo."""
-
-    def __init__(self, method: Method, weights: Path | None = None):
-        super().__init__(method, weights)
-        self._network = SegmentNetwork(weights)
-
-    def prepare(self) -> None:
-        """Opens the network."""
-        self._network.open()
 
     def estimate(self, view: View) -> Motion:
         """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""

@@ -20,6 +20,7 @@ from unshutter.single.search import PX, bend, displacement
 if TYPE_CHECKING:
     import numpy as np
 
+    from unshutter.motion.verdict import KindOfMotion
     from unshutter.single.prior import Experience
     from unshutter.single.search import Posterior
 
@@ -30,13 +31,14 @@ FAINT_PX = 0.1  # of 256 rows: added to errors before their logarithm is taken
 _MOST = 50.0  # log odds
 
 
-@dataclass(frozen=True)
-class Option:
+@dataclass(frozen=True, eq=False)
+class Mode:
     """A motion that might be undone."""
 
     motion: np.ndarray  # [6] coefficients
     error: float  # expected displacement if it is of the right kind [rows]
     share: float  # its posterior probability, given that the camera moved
+    kind: KindOfMotion = "other"
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Prospect:
 
 
 def prospect(
-    posterior: Posterior, option: Option, opinion: np.ndarray | None, roll_known: bool = False, shift: float = 0.0
+    posterior: Posterior, mode: Mode, opinion: np.ndarray | None, roll_known: bool = False, shift: float = 0.0
 ) -> Prospect:
     """Returns what undoing a motion would do, if half of all photos moved.
 
@@ -79,12 +81,12 @@ def prospect(
         roll_known: whether the camera's roll is known and so cannot be mistaken for shear.
         shift: added to the log odds, for photos of which more or fewer moved.
     """
-    size = displacement(option.motion)
+    size = displacement(mode.motion)
     known = experience(opinion is not None)
-    asked = features(posterior, option, opinion)
+    asked = features(posterior, mode, opinion)
     error = max(math.exp(known.error.of(asked)) - FAINT_PX, 0.0) / PX
     if roll_known:  # fitted to 137 photos with known attitudes, moved and still
-        better = _probability(0.147 * max(posterior.evidence_of.values()) - 0.742 + shift) * option.share
+        better = _probability(0.147 * max(posterior.evidence_of.values()) - 0.742 + shift) * mode.share
     else:
         better = _probability(known.better.of(asked) + shift)
     return Prospect(better, error, size)
@@ -95,7 +97,7 @@ def experience(with_network: bool) -> Experience:
     return shipped().with_network if with_network else shipped().without_network
 
 
-def features(posterior: Posterior, option: Option, opinion: np.ndarray | None) -> dict[str, float]:
+def features(posterior: Posterior, mode: Mode, opinion: np.ndarray | None) -> dict[str, float]:
     """Returns what the forests read; displacements in px of 256 rows, angles in degrees."""
     found = {
         "evidence": posterior.evidence,
@@ -116,13 +118,13 @@ def features(posterior: Posterior, option: Option, opinion: np.ndarray | None) -
         "focal_at_rest": posterior.pose_at_rest.log_focal,
         **{f"evidence for {kind}": evidence for kind, evidence in posterior.evidence_of.items()},
         **{f"share of {kind}": share for kind, share in posterior.kinds.items()},
-        "own_size": PX * displacement(option.motion),
-        "own_bend": PX * bend(option.motion),
-        "own_share": option.share,
-        "own_error": PX * option.error,
-        "to_mean": PX * displacement(option.motion - posterior.motion),
-        "shear": PX * abs(float(option.motion[:3].sum())),
-        "turn": math.degrees(abs(float(option.motion[3:].sum()))),
+        "own_size": PX * displacement(mode.motion),
+        "own_bend": PX * bend(mode.motion),
+        "own_share": mode.share,
+        "own_error": PX * mode.error,
+        "to_mean": PX * displacement(mode.motion - posterior.motion),
+        "shear": PX * abs(float(mode.motion[:3].sum())),
+        "turn": math.degrees(abs(float(mode.motion[3:].sum()))),
     }
     if opinion is None:
         return found
@@ -130,7 +132,7 @@ def features(posterior: Posterior, option: Option, opinion: np.ndarray | None) -
         "answer_bend": PX * bend(opinion),
         "answer_size": PX * displacement(opinion),
         "disagreement": PX * displacement(opinion - posterior.motion),
-        "to_answer": PX * displacement(option.motion - opinion),
+        "to_answer": PX * displacement(mode.motion - opinion),
     }
 
 

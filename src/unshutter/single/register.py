@@ -11,7 +11,7 @@ A package of your own can add a method: its entry point in the group ``unshutter
 from __future__ import annotations
 
 import json
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -154,7 +154,9 @@ def _loaded(point: EntryPoint) -> Method:
 def as_text() -> str:
     """Lists all methods that can be used without further files, the default first, and explains the figures."""
     known = [method(name) for name in sorted(names(), key=lambda name: name != DEFAULT_ESTIMATOR)]
-    scores = {each.name: _scores(each.scores).get(each.name, {}) if each.scores else {} for each in known}
+    by_file = {each.scores: json.loads(each.scores.read_text(encoding="utf-8")) for each in known if each.scores}
+    # set of photos -> figures
+    scores = {each.name: by_file.get(each.scores, {}).get(each.name, {}) for each in known}
     places = list(dict.fromkeys(place for each in scores.values() for place in each))  # sets of photos
     rows = [["name", "weights", *places]]
     for each in known:
@@ -170,9 +172,3 @@ def as_text() -> str:
     for each in known:
         lines.append(f"{each.name}{' (default)' if each.name == DEFAULT_ESTIMATOR else ''}: {each.summary}")
     return "\n".join(lines)
-
-
-@cache
-def _scores(path: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """Reads the scores: method -> set of photos -> figures."""
-    return json.loads(path.read_text(encoding="utf-8"))

@@ -131,7 +131,7 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray]) -> P
     Args:
         motions: [6] coefficients each, to start from; zero motion is always included.
     """
-    begin = np.concatenate([_poses(likelihood, motion) for motion in (np.zeros(6), *motions)])
+    begin = np.concatenate([poses(likelihood, motion) for motion in (np.zeros(6), *motions)])
     (hypotheses, kind, moving, covariances), at_rest, still = _optima(likelihood, begin, begin[:_CAMERAS])
     each = np.array([np.logaddexp.reduce(moving[kind == k]) for k in range(kind.max() + 1)])  # evidence of the kinds
     log_shares = np.log([known.share for known in likelihood.prior.kinds])  # prior
@@ -267,15 +267,15 @@ def descend(
     return at, energy, hessian
 
 
-def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray) -> np.ndarray:
-    """[_CAMERAS, 10] the cameras of a grid that best fit a motion, with distinct yaws."""
+def poses(likelihood: ManhattanLikelihood, motion: np.ndarray, roll: float = 0.0) -> np.ndarray:
+    """[_CAMERAS, 10] the cameras of a grid that best fit a motion, with distinct yaws and this much more roll [rad]."""
     expected = likelihood.prior.mean
     tilts = _TILTS if likelihood.known.tilt is None else [expected[TILT]]
     yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))
     grid = np.zeros((len(yaw), UNKNOWNS))
     grid[:, MOTION] = motion
     grid[:, YAW], grid[:, TILT] = yaw, tilt
-    grid[:, ROLL] = expected[ROLL]
+    grid[:, ROLL] = expected[ROLL] + roll
     grid[:, LOG_FOCAL] = expected[LOG_FOCAL] + log_focal
     kept: list[int] = []
     for k in np.argsort(likelihood.energy(grid), kind="stable"):
