@@ -90,13 +90,18 @@ def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarr
     return distorted[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
 
 
-@pytest.fixture
-def photo(tmp_path: Path, rolling_facade: np.ndarray) -> Path:
-    """street.jpg, the rolling facade as a file."""
+@pytest.fixture(scope="session")
+def rolling_facade_jpeg(rolling_facade: np.ndarray) -> bytes:
     from unshutter.photo import Photo
 
+    return Photo.from_array(rolling_facade).to_bytes("jpeg", quality=92)
+
+
+@pytest.fixture
+def photo(tmp_path: Path, rolling_facade_jpeg: bytes) -> Path:
+    """street.jpg, the rolling facade as a file."""
     path = tmp_path / "street.jpg"
-    Photo.from_array(rolling_facade).save(path, quality=92)
+    path.write_bytes(rolling_facade_jpeg)
     return path
 
 

@@ -72,19 +72,28 @@ def all_but_few_differ_by(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.quantile(np.abs(one.astype(int) - other.astype(int)), 0.999))
 
 
+@pytest.fixture(scope="module")
+def plain(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    """What the command makes by that motion of the photo before it is turned."""
+    upright, motion = taken
+    folder = tmp_path_factory.mktemp("given")
+    motion.save(folder / "motion.json")
+    return rectified(
+        write_turned(folder / "plain.png", upright, 1), motion.readout, "--motion", f"{folder}/motion.json"
+    )
+
+
 ROUNDING = 2  # grey levels, at the sharpest edges: OpenCV rounds positions to 1/32 px
 
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
 def test_a_given_motion_does_the_same_to_a_turned_photo(
-    tmp_path: Path, taken: tuple[np.ndarray, Motion], orientation: int
+    tmp_path: Path, taken: tuple[np.ndarray, Motion], plain: np.ndarray, orientation: int
 ) -> None:
     upright, motion = taken
     turned = turned_readout(motion.readout, orientation)
-    motion.save(tmp_path / "1.json")
     same = mirrored(motion) if orientation in MIRRORED else motion
     dataclasses.replace(same, readout=turned).save(tmp_path / "turned.json")
-    plain = rectified(write_turned(tmp_path / "1.png", upright, 1), motion.readout, "--motion", f"{tmp_path}/1.json")
     file = write_turned(tmp_path / "turned.png", upright, orientation)
     result = rectified(file, turned, "--motion", f"{tmp_path}/turned.json")
     assert all_but_few_differ_by(plain, upright) > 100  # much was done
@@ -102,9 +111,11 @@ def found(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
 
 
 METHOD = ("--estimator", "segment-manhattan")  # the one that asks where the scene's top is
+# half of all: each readout with an upright, a turned, a mirrored and a turned and mirrored photo
+SOME = [(readout, each) for k, readout in enumerate(Readout) for each in ((1, 4, 6, 7), (2, 3, 5, 8))[k % 2]]
 
 
-@pytest.mark.parametrize("orientation", ORIENTATIONS)
+@pytest.mark.parametrize(("taken", "orientation"), SOME, indirect=["taken"])
 def test_the_same_motion_is_found_in_a_turned_photo(
     tmp_path: Path, taken: tuple[np.ndarray, Motion], found: tuple[Motion, np.ndarray], orientation: int
 ) -> None:
@@ -129,13 +140,13 @@ def test_the_same_motion_is_found_in_a_turned_photo(
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
 def test_heic_is_read_as_the_sensor_was(tmp_path: Path, rolling_facade: np.ndarray, orientation: int) -> None:
-    stored = rolling_facade[30:390, 20:520]
+    stored = rolling_facade[30:210, 20:270]
     path = tmp_path / "photo.heic"
     path.write_bytes(heic(stored, orientation, quality=100))
     photo = Photo.open(path)
-    assert (photo.orientation, photo.height, photo.width) == (orientation, 360, 500)
+    assert (photo.orientation, photo.height, photo.width) == (orientation, 180, 250)
     assert np.abs(photo.to_array().astype(int) - stored).mean() < 1.5
-    motion = RowMotion.from_polynomials([0, 30, -50], [0, 0.05], 360, 500)
+    motion = RowMotion.from_polynomials([0, 15, -25], [0, 0.05], 180, 250)
     expected = unshutter.rectify(stored, motion=motion, edges="keep").array
     motion.save(tmp_path / "motion.json")
     for name in ("out.png", "out.avif", "out.jpg", "out.tif"):

@@ -3,6 +3,7 @@
 import hashlib
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 from support.drawn_photos import drawn
@@ -11,6 +12,7 @@ from unshutter.cli import main
 from unshutter.photo import Photo
 
 HEIGHT, WIDTH = 72, 96
+_FORMATS = {".jpg": "jpeg", ".png": "png", ".webp": "webp", ".tif": "tiff"}
 
 
 def make_photos(folder: Path, names: list[str]) -> None:
@@ -18,9 +20,14 @@ def make_photos(folder: Path, names: list[str]) -> None:
     for k, name in enumerate(names):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        pixels = drawn(HEIGHT, WIDTH)
-        pixels[: k % 50 + 3, : k // 50 + 5] = k % 251
-        Photo.from_array(pixels).save(path)
+        path.write_bytes(_encoded(k, path.suffix))
+
+
+@cache
+def _encoded(number: int, ending: str) -> bytes:
+    pixels = drawn(HEIGHT, WIDTH)
+    pixels[: number % 50 + 3, : number // 50 + 5] = number % 251
+    return Photo.from_array(pixels).to_bytes(_FORMATS[ending])
 
 
 def make_motion(path: Path) -> Path:

@@ -10,6 +10,7 @@ from support.hand_held import log_of, still
 from unshutter_lab.synthesis.sequences import TurningCamera
 
 HEIGHT, WIDTH, FOCAL, RATIO, FPS = 144, 192, 165.0, 0.6, 30
+KNOWN = ["--readout-ratio", str(RATIO), "--focal-px", str(FOCAL)]  # of such a clip: half the work is to find these
 LIGHT = bytes.fromhex("e8030000 90010000".replace(" ", ""))  # 1000 and 400 cd/m^2
 
 

@@ -1,5 +1,7 @@
 """A camera that sways before a wall with boards in front of it: near and far move differently."""
 
+from functools import cache
+
 import numpy as np
 
 from support.drawn_photos import textured
@@ -43,6 +45,7 @@ def _seen(time):
     return picture
 
 
+@cache
 def _wall(margin):
     drawn = textured(HEIGHT + 2 * margin, WIDTH + 2 * margin, bands=1)[..., 0].astype(float)
     return np.clip(128 + 1.3 * (drawn - drawn.mean()), 30, 225).astype(np.uint8)

@@ -44,7 +44,7 @@ def test_frames_of_another_decoder(kind):
         "16 bits": [grey.astype(np.uint16) * 257 for grey in GREYS],
     }[kind]
     before = [frame.copy() for frame in frames]
-    results = list(unshutter.rectify_clip_frames(iter(frames), readout_ms=20, fps=30))
+    results = list(unshutter.rectify_clip_frames(iter(frames), readout_ms=20, fps=30, focal_px=clips.FOCAL))
     assert [(each.shape, each.dtype) for each in results] == [(each.shape, each.dtype) for each in frames]
     assert all(np.array_equal(*pair) for pair in zip(frames, before, strict=True))
     grey = [

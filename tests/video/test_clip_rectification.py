@@ -25,6 +25,7 @@ HDR = (
     "log-level=error:hdr10=1:max-cll=1000,400:"
     "master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15635,16450)L(10000000,1)"
 )
+SHUTTER = Shutter(readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
 UNEVEN = np.cumsum([0, *np.random.default_rng(0).choice([1, 1, 1, 2], FRAMES - 1)]) / 30
 
 
@@ -88,9 +89,9 @@ def make(folder, kind, fine=False):
     return clips.write(folder / f"in{kind.ending}", GREYS, kind.codec, kind.pixel_format, **more)
 
 
-def straighten(path, *flags, ratio=clips.RATIO):
+def straighten(path, *flags):
     out = path.with_name(f"out{path.suffix}")
-    assert main(["video", str(path), "-o", str(out), "--readout-ratio", str(ratio), *flags]) == 0
+    assert main(["video", str(path), "-o", str(out), *clips.KNOWN, *flags]) == 0
     return out
 
 
@@ -161,7 +162,7 @@ def test_readout_ms_is_the_ratio_in_another_unit(tmp_path):
     before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
     one = straighten(before)
     other = tmp_path / "other.mkv"
-    assert main(["video", str(before), "-o", str(other), "--readout-ms", "20"]) == 0
+    assert main(["video", str(before), "-o", str(other), *clips.KNOWN[2:], "--readout-ms", "20"]) == 0
     assert np.array_equal(clips.luma(one), clips.luma(other))
 
 
@@ -255,7 +256,7 @@ def test_frames_that_show_no_motion_do_not_jump_back_to_their_distortion(tmp_pat
     for k in (14, 15):
         greys[k] = cv2.GaussianBlur(greys[k], (0, 0), 14)
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
-    outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(Shutter(readout_ratio=clips.RATIO)))
+    outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(SHUTTER))
     assert outcome.frames == outcome.rectified == 30
     true = [each[-1] - each[0] for each in (camera.motion(k).rotations for k in range(30))]
     left = np.abs([turn - each for (_, turn), each in zip(outcome.turns, true, strict=True)]).max(axis=1)
@@ -270,7 +271,7 @@ def test_the_correction_fades_in_where_motion_was_unknown_for_longer(tmp_path):
         for part, speed in zip(itertools.product(*halves), (7, -8, -5, 9), strict=True):
             greys[k][part] = np.roll(greys[k][part], (speed * (k - 15), -speed * (k - 15)), (0, 1))
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
-    outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(Shutter(readout_ratio=clips.RATIO)))
+    outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(SHUTTER))
     assert Reason(Code.NO_COMMON_MOTION) in outcome.reasons
     undone = np.nan_to_num([np.abs(turn).max() for _, turn in outcome.turns]) / np.abs(camera.motion(5).rotations).max()
     first = 28 - undone[:28][::-1].argmin()  # after the last frame that is left

@@ -10,7 +10,7 @@ from unshutter.cli import main
 from unshutter.video.clip import Clip
 
 GREYS = clips.moving(30)[1]
-RATIO = ["--readout-ratio", "0.6", "--strength", "0"]
+RATIO = [*clips.KNOWN, "--strength", "0"]
 FRAGMENTS = {"container": {"movflags": "frag_keyframe+empty_moov"}, "options": {"g": "10"}}
 KINDS = {
     "mkv": ("libx264", "aac", {}),

@@ -22,7 +22,7 @@ TRUTH = np.stack([two_layers.middle(k) for k in range(FRAMES)]).astype(float)
 
 def straighten(path, *flags, out="out.mkv"):
     out = path.with_name(out)
-    options = ["--readout-ratio", str(two_layers.RATIO), "--overwrite", *flags]
+    options = ["--readout-ratio", str(two_layers.RATIO), "--focal-px", "1000", "--overwrite", *flags]
     assert main(["video", str(path), "-o", str(out), *options]) == 0
     return out
 
@@ -114,7 +114,7 @@ def test_across_a_cut_nothing_is_looked_for(tmp_path, capsys):
     other = [255 - np.rot90(grey, 2) for grey in camera_only]
     before = clips.write(tmp_path / "in.mkv", camera_only + other, "ffv1", "gray")
     log = tmp_path / "log.jsonl"
-    flags = ["--readout-ratio", "0.6", "--model", "dense", "--edges", "borrow", "--json-log", str(log)]
+    flags = [*clips.KNOWN, "--model", "dense", "--edges", "borrow", "--json-log", str(log)]
     assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), *flags]) == 0
     record = json.loads(log.read_text())
     assert (record["model"], record["rectified"], record["rectified_densely"]) == ("dense", 20, 20)
@@ -128,9 +128,7 @@ def test_a_frame_without_neighbours_falls_back(tmp_path, capsys):
     greys = clips.moving(16)[1]
     times = np.arange(16) / 30 + np.where(np.arange(16) == 15, 10, 0)  # the last one comes ten seconds later
     before = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray", times=times)
-    assert (
-        main(["video", str(before), "-o", str(tmp_path / "o.mkv"), "--readout-ratio", "0.6", "--model", "dense"]) == 0
-    )
+    assert main(["video", str(before), "-o", str(tmp_path / "o.mkv"), *clips.KNOWN, "--model", "dense"]) == 0
     assert "15 of 16 frames straightened, 1 left unchanged" in capsys.readouterr().err
     assert np.array_equal(clips.luma(tmp_path / "o.mkv")[15], clips.luma(before)[15])
 

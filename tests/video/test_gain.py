@@ -39,7 +39,7 @@ def run(tmp_path, capsys):
         clip, out, log = (tmp_path / name for name in ("in.mkv", "out.mkv", "log.jsonl"))
         clips.write(clip, greys, "ffv1", "gray")
         words = ["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]
-        assert main(words if "--readout-ms" in flags else [*words, "--camera", "nemo"]) == 0
+        assert main(words if "--readout-ms" in flags else [*words, "--camera", "nemo", *clips.KNOWN[2:]]) == 0
         return clip, out, json.loads(log.read_text().splitlines()[-1]), capsys.readouterr().err
 
     return rectified
@@ -105,7 +105,7 @@ def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path
     camera, greys = clips.moving(LONG)
     greys = greys if kind == "distorted" else clips.truth(camera)
     clip = Clip.look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
-    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo")))
+    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)))
     gain = gain_of_clip(request, camera_of_clip(request)[0], None)
     assert abs(gain.frames - examined) <= 4
     before, after = np.median(gain.wobble_px, axis=0)

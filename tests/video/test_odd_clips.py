@@ -12,11 +12,10 @@ from unshutter.video.clip import Clip
 from unshutter.video.film_file import writing
 
 GREYS = clips.moving(16)[1]
-RATIO = ["--readout-ratio", "0.6"]
 
 
 def straightened(source, target, *more):
-    assert main(["video", str(source), "-o", str(target), *RATIO, *map(str, more)]) == 0
+    assert main(["video", str(source), "-o", str(target), *clips.KNOWN, *map(str, more)]) == 0
     return Clip.look(target)
 
 
@@ -159,6 +158,6 @@ def test_a_percent_sign_in_names_that_are_written(tmp_path):
 
 def test_a_single_picture_is_no_film(tmp_path, capsys):
     path = clips.write(tmp_path / "in.mp4", GREYS)
-    refused(capsys, [path, "-o", tmp_path / "out.png", *RATIO], 1, "ffmpeg -i film.mkv out/%05d.png")
-    refused(capsys, [tmp_path, "-o", tmp_path / "out.mp4", *RATIO], 1, "is a folder", "ffmpeg -framerate 30 -i")
+    refused(capsys, [path, "-o", tmp_path / "out.png", *clips.KNOWN], 1, "ffmpeg -i film.mkv out/%05d.png")
+    refused(capsys, [tmp_path, "-o", tmp_path / "out.mp4", *clips.KNOWN], 1, "is a folder", "ffmpeg -framerate 30 -i")
     assert left_behind(tmp_path) == []

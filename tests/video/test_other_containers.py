@@ -11,14 +11,13 @@ from unshutter.cli import main
 from unshutter.video.clip import Clip
 
 GREYS = clips.moving(6)[1]
-RATIO = ["--readout-ratio", "0.6"]
 COVER = cv2.imencode(".jpg", np.full((32, 32, 3), 90, np.uint8))[1].tobytes()
 TIMECODE = "01:02:03:04"
 
 
 def written(capsys, source, target):
     """What is not kept."""
-    assert main(["video", str(source), "-o", str(target), *RATIO]) == 0
+    assert main(["video", str(source), "-o", str(target), *clips.KNOWN]) == 0
     assert np.allclose(times(target), times(source), atol=0.002)
     said = capsys.readouterr()
     return [line for line in (said.out + said.err).splitlines() if "not kept" in line]
@@ -98,7 +97,7 @@ def test_sound(tmp_path, capsys, sound, ending, kept):
 @pytest.mark.parametrize(("codec", "ending"), [("rawvideo", ".mov"), ("ffv1", ".mov"), ("huffyuv", ".mkv")])
 def test_a_codec_that_the_film_cannot_hold(tmp_path, capsys, codec, ending):
     source = clips.write(tmp_path / "in.avi", GREYS, codec, "yuv422p" if codec == "huffyuv" else "yuv420p")
-    words = [source, "-o", tmp_path / f"out{ending}", *RATIO]
+    words = [source, "-o", tmp_path / f"out{ending}", *clips.KNOWN]
     refused(capsys, words, 1, f"cannot write {codec} into {ending} films", "--codec, such as libx264")
     assert left_behind(tmp_path) == []
 
@@ -115,6 +114,8 @@ def test_films_of_several_files_are_refused(tmp_path, capsys, name):
     source = clips.write(tmp_path / "in.mp4", GREYS)
     (tmp_path / "chunk-stream0-00001.m4s").write_bytes(b"of another film")
     before = sorted(tmp_path.iterdir())
-    refused(capsys, [source, "-o", tmp_path / name, *RATIO], 1, "no film that is one file", "use .mp4, .mov or .mkv")
+    refused(
+        capsys, [source, "-o", tmp_path / name, *clips.KNOWN], 1, "no film that is one file", "use .mp4, .mov or .mkv"
+    )
     assert sorted(tmp_path.iterdir()) == before
     assert (tmp_path / "chunk-stream0-00001.m4s").read_bytes() == b"of another film"

@@ -22,7 +22,7 @@ def clip(tmp_path_factory):
 
 def run(clip, tmp_path, plot, *flags):
     out = str(tmp_path / "out.mkv")
-    return main(["video", str(clip), "-o", out, "--readout-ratio", "0.6", "--plot", str(plot), *flags])
+    return main(["video", str(clip), "-o", out, *clips.KNOWN, "--plot", str(plot), *flags])
 
 
 def test_a_plot_is_a_picture(clip, tmp_path, capsys):

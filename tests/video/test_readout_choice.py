@@ -26,10 +26,11 @@ def slow(px_a_frame):
 def run(tmp_path, capsys):
     """Rectifies a clip; (the log's record, what was printed, the new file)."""
 
-    def rectified(clip, *flags):
+    def rectified(clip, *flags, focal_px=clips.FOCAL):
         out, log = clip.with_stem("out"), tmp_path / "log.jsonl"
         log.unlink(missing_ok=True)
-        assert main(["video", str(clip), "-o", str(out), "--json-log", str(log), *flags]) == 0
+        known = ["--focal-px", str(focal_px)] if focal_px else []
+        assert main(["video", str(clip), "-o", str(out), "--json-log", str(log), *flags, *known]) == 0
         return json.loads(log.read_text()), capsys.readouterr().err, out
 
     return rectified
@@ -175,7 +176,7 @@ def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
     ][camera]
     tags = {"make": ["", "Kilroy", "Sony", "Apple", "GoPro"][camera % 5], "model": "M 1"}
     greys = clips.moving(24, log, ratio=[0.2, 0.5, 0.9][camera % 3])[1]
-    record, shown, out = run(clips.write(tmp_path / "in.mkv", greys, "ffv1", tags=tags))
+    record, shown, out = run(clips.write(tmp_path / "in.mkv", greys, "ffv1", tags=tags), focal_px=None)
     reasons = {each["code"]: each["figures"] for each in record["declined"]}
     bound = reasons.get(Code.NOTHING_TO_SEE, {"px": 0.0 if Code.NO_VISIBLE_DISTORTION in reasons else 1.0})
     assert out.exists() and (record["rectified"] > 20 or bound["px"] < 0.5), shown

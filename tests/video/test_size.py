@@ -22,7 +22,7 @@ def greys():
 
 def new_size(path, *flags):
     out = path.with_name(f"out{path.suffix}")
-    command = ["video", str(path), "-o", str(out), "--readout-ratio", "0.6", "--preset", "veryfast", "--overwrite"]
+    command = ["video", str(path), "-o", str(out), *clips.KNOWN, "--preset", "veryfast", "--overwrite"]
     assert main([*command, *flags]) == 0
     return out.stat().st_size / path.stat().st_size
 

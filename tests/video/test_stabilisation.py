@@ -36,7 +36,7 @@ def straighten(clip, folder, *flags, expected=0):
     out, log = folder / "out.mkv", folder / "log.jsonl"
     words = ["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]
     if "--motion" not in flags:
-        words += ["--readout-ratio", str(clips.RATIO)]
+        words += clips.KNOWN
     assert main(words) == expected
     return clips.luma(out), json.loads(log.read_text().splitlines()[-1])
 
@@ -126,7 +126,7 @@ def test_the_motion_file_holds_the_path(tmp_path, shaken, capsys):
 
 def test_frames_of_another_decoder(shaken, kept):
     frames = [each.astype(np.uint8) for each in clips.luma(shaken)]
-    options = {"readout_ratio": clips.RATIO, "stabilize": 2.0, "edges": "keep"}
+    options = {"readout_ratio": clips.RATIO, "focal_px": clips.FOCAL, "stabilize": 2.0, "edges": "keep"}
     steady = np.stack(list(unshutter.rectify_clip_frames(frames, **options))).astype(float)
     assert shake(steady) < 0.1 * shake(kept) and steady.min() > DARKEST - 20
     slower = np.stack(list(unshutter.rectify_clip_frames(frames, fps=60, **options))).astype(float)
@@ -191,7 +191,7 @@ def test_a_level_horizon_needs_gravity(tmp_path, capsys, gravity, gyro, complain
         lines = log.read_text().splitlines()
         head = lines.index("t,gx,gy,gz,ax,ay,az")
         log.write_text("\n".join(lines[:head] + [line.rsplit(",", 3)[0] for line in lines[head:]]) + "\n")
-    words = ["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--stabilize", "--level", "--readout-ratio", "0.6"]
+    words = ["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--stabilize", "--level", *clips.KNOWN]
     assert main([*words, "--gyro", gyro or str(log)]) == 2
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "--level needs" in printed and complaint in printed
@@ -223,5 +223,5 @@ def test_a_motion_file_does_not_say_which_way_is_up(tmp_path):
 
 
 def test_the_flag_stands_alone_before_a_name(tmp_path, shaken):
-    words = ["video", "--stabilize", str(shaken), "-o", str(tmp_path / "out.mkv"), "--readout-ratio", "0.6"]
+    words = ["video", "--stabilize", str(shaken), "-o", str(tmp_path / "out.mkv"), *clips.KNOWN]
     assert main([*words, "--end", "0.5"]) == 0

@@ -10,7 +10,7 @@ from support.hand_held import log_of, pan
 from unshutter.cli import main
 from unshutter.frames.self_calibration import Shot
 from unshutter.frames.tracks import Tracks, background
-from unshutter.options.clip_options import RectifyClip
+from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip_rectification import rectify_clip_file
 
@@ -47,14 +47,14 @@ def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, run):
     times = [k for k in range(90) if k % 7]
     greys = clips.moving(90)[1]
     clip = clips.write(tmp_path / "in.mkv", [greys[k] for k in times], "ffv1", "gray", times=[k / 30 for k in times])
-    record, _ = run(clip)
+    record, _ = run(clip, "--focal-px", str(clips.FOCAL))
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=1.2)
 
 
 def test_missing_frames_are_not_called_a_shaking_camera(tmp_path, run):
     """Every seventh is missing, and the file does not say where."""
     clip = clips.write(tmp_path / "in.mkv", [g for k, g in enumerate(clips.moving(60)[1]) if k % 7], "ffv1", "gray")
-    _, shown = run(clip)
+    _, shown = run(clip, "--focal-px", str(clips.FOCAL))
     assert "does not show its readout time" not in shown or "or missing frames" in shown
 
 
@@ -73,7 +73,12 @@ def test_near_and_far_are_no_cut():
 def test_the_search_reports_its_progress_frame_by_frame(tmp_path):
     steps = []
     clip = clips.write(tmp_path / "in.mkv", clips.moving(60)[1], "ffv1", "gray")
-    rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(), watch=lambda *step: steps.append(step))
+    rectify_clip_file(
+        str(clip),
+        str(tmp_path / "out.mkv"),
+        RectifyClip(Shutter(focal_px=clips.FOCAL)),
+        watch=lambda *step: steps.append(step),
+    )
     search = [(done, total) for what, done, total in steps if what == "readout time"]
     assert search[0] == (1, 120) and search[-1] == (120, 120)  # frames looked at, and as many for the analysis
     assert [done for done, _ in search[:60]] == list(range(1, 61))

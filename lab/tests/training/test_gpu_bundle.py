@@ -1,6 +1,7 @@
 """lab/benchmarks/gpu: training on a bare machine that is lent for minutes, tried here on a tiny budget."""
 
 import csv
+import json
 import os
 import runpy
 import subprocess
@@ -21,11 +22,11 @@ GPU = Path(__file__).parents[2] / "benchmarks" / "gpu"
 # what the machine does not have, though this one may
 _LACKING = ["onnx", "onnxruntime", "onnxscript", "pyvips", "rich", "scipy", "jaxtyping", "beartype", "PIL", "av"]
 _BARE = f"""
-import runpy, sys
+import json, runpy, sys
 sys.modules |= dict.fromkeys({_LACKING})  # each import of them fails
 sys.path.insert(0, {str(GPU)!r})
-sys.argv = sys.argv[1:]
-runpy.run_path(sys.argv[0], run_name="__main__")
+for sys.argv in json.loads(sys.argv[1]):
+    runpy.run_path(sys.argv[0], run_name="__main__")
 import unshutter.motion.geometry, unshutter_lab, array_api_compat
 for module in (unshutter, unshutter_lab, array_api_compat):
     assert "packages" in module.__file__, module.__file__
@@ -61,18 +62,19 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
-def train(bundle: Path, config: Path, parcels: Path, *words: str) -> str:
-    command = [sys.executable, "-c", _BARE, GPU / "train.py", bundle, parcels, "--configs", config, *words]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+def train(bundle: Path, config: Path, *runs: list[object]) -> str:
+    """Trains once for each list of words, in one process: torch takes seconds to be imported."""
+    words = [[str(word) for word in (GPU / "train.py", bundle, *run, "--configs", config)] for run in runs]
+    done = subprocess.run([sys.executable, "-c", _BARE, json.dumps(words)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_a_run_goes_on_from_the_parcels_of_the_run_before(bundle, config, tmp_path, monkeypatch):
     first, second, runs = tmp_path / "first", tmp_path / "second", tmp_path / "runs"
-    assert "small: 3 steps" in train(bundle, config, first, "--steps", "3")
+    told = train(bundle, config, [first, "--steps", "3"], [second, "--from", first])  # which takes the other three
+    assert told.count("small: 3 steps") == 2
     assert [part.name for part in first.iterdir()] == ["small.0"]
-    assert "small: 3 steps" in train(bundle, config, second, "--from", str(first))  # the other three
     monkeypatch.syspath_prepend(str(GPU))
     monkeypatch.setattr(sys, "argv", ["unpack", str(second), str(runs)])
     runpy.run_path(str(GPU / "unpack.py"), run_name="__main__")

@@ -75,7 +75,7 @@ def test_the_predecessors_networks_start_from_what_ships(kind):
     name = {"rowcol": "rengarajan2017", "vanilla": "rengarajan2017-vanilla"}[kind]
     config = TrainConfig("rengarajan2017", network={"network": kind, "batch_norm": True, "dropout": 0.0}, data=LARGE)
     recipe = make_recipe(config, torch.device("cpu"))
-    pictures = recipe.pictures(8, torch.Generator().manual_seed(0))
+    pictures = recipe.pictures(2, torch.Generator().manual_seed(0))
     network = recipe.build()
     load_exported(network, WEIGHTS / f"{name}.onnx", pictures)
     with torch.no_grad():
