@@ -81,7 +81,7 @@ class Code(Worded):
     NO_VISIBLE_DISTORTION = "no-visible-distortion", "this clip has no visible rolling-shutter distortion"
     NO_GAIN = (
         "no-gain",
-        "undoing the motion does not help: wobble of {before:.2f} px before, {after:.2f} px after, of 1080 rows",
+        "undoing the motion hardly helps: wobble of {before:.2f} px before, {after:.2f} px after, of 1080 rows",
     )
     HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
     ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"

@@ -13,7 +13,7 @@ from unshutter.reasons import Code
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip import Clip, ClipRequest
-from unshutter.video.gain import gain_of_clip
+from unshutter.video.gain import Gain, gain_of_clip
 from unshutter.video.readout import camera_of_clip
 
 FRAMES, LONG = 24, 110
@@ -70,7 +70,7 @@ def test_what_does_not_help_is_not_done(run, flags):
     clip, out, record, shown = run(greys, *flags)
     (reason,) = record["declined"]
     assert reason["code"] == Code.NO_GAIN and reason["figures"]["after"] > reason["figures"]["before"]
-    assert "undoing the motion does not help" in shown and "to straighten it anyway" in shown
+    assert "undoing the motion hardly helps" in shown and "to straighten it anyway" in shown
     assert record["rectified"] == 0 and (flags or out.read_bytes() == clip.read_bytes())
     assert run(greys, "--readout-ms", "20")[2]["rectified"] == FRAMES
 
@@ -114,3 +114,13 @@ def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path
         assert gain.declined() is None and after < before / 2 and middle > 10 * error
     else:
         assert gain.declined() is not None and after > before and middle < 0
+
+
+@pytest.mark.parametrize(("after", "declined"), [(0.97, Code.NO_GAIN), (0.90, None)])
+def test_a_sure_gain_must_be_worth_the_sharpness(after, declined):
+    pairs = 40
+    gain = Gain(
+        pairs, [3.0] * pairs, gains=[9.0] * pairs, wobble_px=[(1.0, after)] * pairs, _changes_px=[(3.0, 3.0)] * pairs
+    )
+    reason = gain.declined()
+    assert (reason and reason.code) == declined

@@ -33,7 +33,7 @@ export const reasons = {
   "nothing-to-see": ({ px }) => `nothing to see: at most ${px.toFixed(1)} px at any plausible readout time`,
   "no-visible-distortion": () => "this clip has no visible rolling-shutter distortion",
   "no-gain": ({ before, after }) =>
-    `undoing the motion does not help: wobble of ${before.toFixed(2)} px before, ${after.toFixed(2)} px after, of 1080 rows`,
+    `undoing the motion hardly helps: wobble of ${before.toFixed(2)} px before, ${after.toFixed(2)} px after, of 1080 rows`,
   "hardly-moved": () => "the camera hardly moved",
   "no-common-motion": () => "near and far move too differently for one motion of the camera",
   "only-others-moved": () => "the camera stood still; what moved in front of it is not straightened",
