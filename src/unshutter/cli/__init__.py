@@ -41,23 +41,17 @@ def _stop(number: int, _frame: object) -> None:
     raise Stopped(number)
 
 
-# name -> (its variable in commands/, summary). Other packages add commands by entry points.
+# name -> its variable in this folder. Other packages add commands by entry points.
 COMMANDS = {
-    "rectify": ("photo_commands:RECTIFY", "straighten photos: write what a global shutter would have seen"),
-    "video": ("clip_command:COMMAND", "straighten a clip: every frame as a global shutter would have seen it"),
-    "cameras": ("other_commands:CAMERAS", "list the cameras whose readout time is known, for clips"),
-    "estimate": ("photo_commands:ESTIMATE", "find the camera's motion during each photo, as JSON"),
-    "map": ("other_commands:MAP", "write a photo's correction as a map for other programs"),
-    "serve": ("other_commands:SERVE", "open a page for photos in the browser: before and after, corrections, saving"),
-    "points": (
-        "other_commands:POINTS",
-        "move points of a photo to where they are in the straightened picture, or back",
-    ),
-    "models": ("other_commands:MODELS", "list the methods: what each does, how large it is, how well it did"),
-    "completion": (
-        "other_commands:COMPLETION",
-        "print what a shell needs to complete these commands and their options",
-    ),
+    "rectify": "photo_commands:RECTIFY",
+    "video": "clip_command:COMMAND",
+    "cameras": "other_commands:CAMERAS",
+    "estimate": "photo_commands:ESTIMATE",
+    "map": "other_commands:MAP",
+    "serve": "other_commands:SERVE",
+    "points": "other_commands:POINTS",
+    "models": "other_commands:MODELS",
+    "completion": "other_commands:COMPLETION",
 }
 _GROUP = "unshutter.commands"
 _ABOUT = "Removes rolling-shutter distortion from photos and video. Originals are never changed."
@@ -146,7 +140,7 @@ def _exit_code(stop: KeyboardInterrupt) -> int:
 def command_named(name: str) -> Command:
     """Finds a command by name, built in or from another installed package."""
     if name in COMMANDS:
-        module, _, variable = COMMANDS[name][0].partition(":")
+        module, _, variable = COMMANDS[name].partition(":")
         return getattr(import_module(f"unshutter.cli.{module}"), variable)
     for entry in errors.plugins(_GROUP).select(name=name):
         return entry.load()
@@ -160,8 +154,7 @@ def command_named(name: str) -> Command:
 
 def summaries() -> dict[str, str]:
     """Returns the summaries of all commands by name, those of other installed packages last."""
-    installed = {entry.name: entry.load().summary for entry in errors.plugins(_GROUP)}
-    return {name: summary for name, (_, summary) in COMMANDS.items()} | installed
+    return {name: command_named(name).summary for name in (*COMMANDS, *errors.plugins(_GROUP).names)}
 
 
 def _help() -> str:

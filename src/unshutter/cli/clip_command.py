@@ -49,7 +49,8 @@ def run(arguments: Arguments) -> int:
     if arguments.output is None and options.may_be_copy:  # next to the clip, nothing is written for one that stays
         options = replace(options, only_changed=True)
     with Bars() as bars:
-        output = arguments.output or _output_for(arguments.clip)
+        clip = Path(arguments.clip)
+        output = arguments.output or str(clip.with_name(film_name(clip)))
         outcome = rectify_clip_file(
             arguments.clip,
             output,
@@ -63,12 +64,6 @@ def run(arguments: Arguments) -> int:
     if arguments.options.preview is not None and outcome.written:
         print(visible(f"before and after: {arguments.options.preview}"), file=sys.stderr)
     return 0
-
-
-def _output_for(clip: str) -> str:
-    """Returns the default output: ``walk.mp4`` -> ``walk.rectified.mp4``."""
-    path = Path(clip)
-    return str(path.with_name(film_name(path)))
 
 
 def _line_of(time: ReadoutTime) -> str:

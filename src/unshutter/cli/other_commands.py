@@ -65,7 +65,7 @@ def _complete(action: argparse.Action, files: object) -> None:
 
 
 COMPLETION = Command(
-    """Print a shell completion script for unshutter's commands, options and values.
+    """Print what a shell needs to complete these commands and their options.
 
 bash: unshutter completion bash > ~/.local/share/bash-completion/completions/unshutter
 zsh:  unshutter completion zsh > FOLDER/_unshutter
@@ -113,7 +113,9 @@ def _map(arguments: Map) -> int:
 
 
 MAP = Command(
-    "Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).",
+    """Write a photo's correction as a map for other programs.
+
+The map is for OpenCV (.npz) or an ST map (.exr, .tif).""",
     Map,
     _map,
     when_stopped="no half-written file is left",
@@ -176,7 +178,7 @@ def _models(arguments: Models) -> int:
     return 0
 
 
-MODELS = Command("List the methods: what each one does, its size and its accuracy.", Models, _models)
+MODELS = Command("List the methods: what each does, how large it is, how well it did.", Models, _models)
 
 
 @dataclass(frozen=True)
@@ -200,10 +202,11 @@ def _cameras(arguments: Cameras) -> int:
 
 
 CAMERAS = Command(
-    """List the cameras whose readout time is known: camera and lens, frame size and rate, readout time.
+    """List the cameras whose readout time is known, for clips.
 
-`unshutter video --camera NAME` takes these times. They come from Gyroflow's lens profiles (CC0), where users share
-what they measured. With a word, the lenses of these cameras are listed, too.""",
+Each line has camera and lens, frame size and rate, and readout time. `unshutter video --camera NAME` takes these times.
+They come from Gyroflow's lens profiles (CC0), where users share what they measured. With a word, the lenses of these
+cameras are listed, too.""",
     Cameras,
     _cameras,
 )
@@ -222,10 +225,10 @@ def serve(arguments: Settings) -> int:
 
 
 SERVE = Command(
-    """Open a page for photos and clips in the browser, on this machine only: before and after, corrections, saving.
+    """Open a page for photos and clips in the browser: before and after, corrections, saving.
 
-Your files stay on this machine, in a temporary folder that is removed when the page stops. Needs the extra `web`, and
-`video` for clips.""",
+It is for this machine only: your files stay on it, in a temporary folder that is removed when the page stops. Needs the
+extra `web`, and `video` for clips.""",
     Settings,
     serve,
 )

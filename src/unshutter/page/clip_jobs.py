@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -13,7 +13,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
-from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, digest, errors_of, put, put_text
+from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, digest, errors_of, kept, put, put_text
 from unshutter.readout_time import ReadoutTime
 
 if TYPE_CHECKING:
@@ -37,10 +37,7 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
     ``moment`` counts the moments from 0, evenly spaced; ``longest`` is the longer side [px], or None for full size.
     """
-    from unshutter.video.clip import Clip
-
-    with errors_of(open_file):
-        clip = Clip.look(open_file.path)
+    with _look(open_file) as clip:
         moments_s = [_moment_time(clip, options, k) for k in range(MOMENTS)]
         frame = _frame_at(clip, moments_s[moment])
         stored = frame.height, frame.width
@@ -57,11 +54,9 @@ def after(
     Its motion is estimated from the frames around it, with the usual readout time of such cameras if ``usual``. Edges
     that would be cropped are kept: the area common to all frames is known only once the whole clip has been read.
     """
-    from unshutter.video.clip import Clip
     from unshutter.video.frame_warper import Warper
 
-    with errors_of(open_file):
-        clip = Clip.look(open_file.path)
+    with _look(open_file) as clip:
         edges = options.undo.edges
         undo = replace(options.undo, edges="keep") if edges == "crop" else options.undo
         warper = Warper(clip, undo)
@@ -78,10 +73,7 @@ def after(
 
 def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
     """Returns the readout time of a clip's camera, its error and its source as JSON."""
-    from unshutter.video.clip import Clip
-
-    with errors_of(open_file):
-        clip = Clip.look(open_file.path)
+    with _look(open_file) as clip:
         time = _time_of(open_file, clip, options, progress_of(open_file))
         return {
             "ratio": time.value,
@@ -96,10 +88,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
 
 def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
     """Returns the path of a WebM film around a moment, with each frame before (left) and after (right), upright."""
-    from unshutter.video.clip import Clip
-
-    with errors_of(open_file):
-        clip = Clip.look(open_file.path)
+    with _look(open_file) as clip:
         file = open_file.path.with_name(f"film-{digest(options, moment)}.webm")
         if not file.exists():
             pairs = _pairs(open_file, clip, options, moment)
@@ -109,14 +98,22 @@ def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
 
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
     """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
-    from unshutter.video.clip import Clip
     from unshutter.video.clip_rectification import rectify_clip_file
 
     progress.note("frames", 0, 0)
-    with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
-        time = _time_of(open_file, Clip.look(open_file.path), options, progress)
+    with _look(open_file, {target: target.name, target.parent: "the folder"}) as clip:
+        time = _time_of(open_file, clip, options, progress)
         record = rectify_clip_file(str(open_file.path), str(target), options, time, progress.note).as_json()
     return {name: record[name] for name in ("frames", "rectified", "left_out", "declined")}
+
+
+@contextmanager
+def _look(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[Clip]:
+    """Looks at the clip; errors in the block refer to files by names that the user recognises."""
+    from unshutter.video.clip import Clip
+
+    with errors_of(open_file, names):
+        yield Clip.look(open_file.path)
 
 
 def progress_of(open_file: OpenFile) -> ProgressFile:
@@ -142,12 +139,9 @@ def _time_of(
     stated = options.shutter.readout_time(clip.interval_s)
     if stated is not None:
         return stated
-    part = options.span(clip.duration_s)
-    file = open_file.path.with_name(f"readout-{digest(options.shutter, part)}.json")
-    if not file.exists():
-        time, _ = camera_of_clip(_request(open_file, clip, options, progress))
-        put_text(file, json.dumps(time.as_json()))
-    return ReadoutTime.from_json(json.loads(file.read_text(encoding="utf-8"))).in_frames(clip.interval_s)
+    key = options.shutter, options.span(clip.duration_s)
+    search = lambda: camera_of_clip(_request(open_file, clip, options, progress))[0].as_json()  # noqa: E731
+    return ReadoutTime.from_json(kept(open_file, "readout", key, search)).in_frames(clip.interval_s)
 
 
 def _request(
@@ -159,11 +153,8 @@ def _request(
     from unshutter.video.lenses import lens_of_clip
 
     request = ClipRequest.of(clip, options, progress.note if progress else None)
-    file = open_file.path.with_name(f"lens-{digest(options.shutter, options.span(clip.duration_s))}.json")
-    if not file.exists():
-        lens = lens_of_clip(request)
-        put_text(file, json.dumps(lens and lens.as_json()))
-    known = json.loads(file.read_text(encoding="utf-8"))
+    key = options.shutter, options.span(clip.duration_s)
+    known = kept(open_file, "lens", key, lambda: (lens := lens_of_clip(request)) and lens.as_json())
     return request if known is None else replace(request, lens=Lens.of_json(known))
 
 

@@ -90,6 +90,14 @@ def put_text(file: Path, text: str) -> None:
     put(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
+def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], Any]) -> Any:
+    """Returns what ``make`` returned as JSON for these options, made now unless a worker has done so before."""
+    file = open_file.path.with_name(f"{what}-{digest(*key)}.json")
+    if not file.exists():
+        put_text(file, json.dumps(make()))
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
 @contextmanager
 def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[None]:
     """Turns errors in the block into one line that refers to files by names that the user recognises."""

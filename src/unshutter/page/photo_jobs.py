@@ -22,6 +22,7 @@ from unshutter.page.opened import (
     corners_of,
     digest,
     errors_of,
+    kept,
     neighbour_names,
     opened,
     pixels_of,
@@ -303,15 +304,14 @@ def _candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candi
     from unshutter.motion.verdict import Candidate
 
     alone = replace(find, camera=replace(find.camera, candidate=None))  # whichever candidate is chosen
-    file = open_file.path.with_name(f"candidates-{digest(alone)}.json")
-    if file.exists():
-        listed = json.loads(file.read_text(encoding="utf-8"))
-        return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
-    photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
-    candidates = photo_candidates(photo, load(find.estimator), find.camera)
-    listed = [{**vars(each), "motion": each.motion.to_json()} for each in candidates]
-    put_text(file, json.dumps(listed))
-    return candidates
+
+    def estimated() -> list[dict[str, Any]]:
+        photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
+        candidates = photo_candidates(photo, load(find.estimator), find.camera)
+        return [{**vars(each), "motion": each.motion.to_json()} for each in candidates]
+
+    listed = kept(open_file, "candidates", (alone,), estimated)
+    return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
 
 
 # ---- by hand -----------------------------------------------------------------------------------------------------
@@ -322,12 +322,12 @@ def _straightened_lines(open_file: OpenFile, photo: Photo, find: Find, text: str
     from unshutter.api import motion_of_lines
     from unshutter.motion import Motion
 
-    file = open_file.path.with_name(f"lines-{digest(find, text)}.json")
-    if not file.exists():
+    def straightened() -> dict[str, Any]:
         found = motion_of_lines(photo, _lines(text, photo), find.camera)
-        put_text(file, json.dumps({"motion": found.motion.to_json(), "troubles": found.troubles}))
-    kept = json.loads(file.read_text(encoding="utf-8"))
-    return Motion.from_json(kept["motion"]), kept["troubles"]
+        return {"motion": found.motion.to_json(), "troubles": found.troubles}
+
+    known = kept(open_file, "lines", (find, text), straightened)
+    return Motion.from_json(known["motion"]), known["troubles"]
 
 
 def _lines(text: str, photo: Photo) -> list[DrawnLine]:
