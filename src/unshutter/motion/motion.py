@@ -6,7 +6,7 @@ import math
 import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -279,7 +279,7 @@ class Motion(ABC):
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def __reduce__(self) -> tuple:  # cached look-up functions cannot be pickled; they are rebuilt
-        return _made, (type(self), {field.name: getattr(self, field.name) for field in fields(self)})
+        return partial(type(self), **{field.name: getattr(self, field.name) for field in fields(self)}), ()
 
     # ---- file format -----------------------------------------------------------------------------------
 
@@ -353,7 +353,3 @@ def _import_method(name: str) -> None:
             import_module(point.load().home.partition(":")[0])
         except Exception as error:  # another package's import may raise anything
             raise UnshutterError(f"cannot load the installed estimator '{name}': {error}") from None
-
-
-def _made(kind: type[Motion], attributes: dict[str, Any]) -> Motion:
-    return kind(**attributes)

@@ -98,22 +98,19 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         "unshutter": common["version"],
         **own,
     }
-    if common["reason"] is not None:
-        data["reason"] = str(common["reason"])
-        data["declined"] = common["reason"].as_json()
-    if common["attitude_from"]:
-        held = {name: common[name] for name in ("roll_deg", "tilt_deg")}
-        data["attitude"] = {**held, "from": common["attitude_from"]}
-    if common["exposure_s"] is not None:
-        data["exposure_s"] = common["exposure_s"]
-    if common["expected_error"] is not None:
-        data["expected_error"] = round(common["expected_error"], 6)
-    if common["kind_shares"]:
-        data["kinds"] = {name: round(share, 4) for name, share in common["kind_shares"]}
-    if common["film"] is not None:
-        data["film"] = common["film"].as_json()
-    data |= {name: asdict(common[name]) for name in ("held", "held_at_rest") if common[name] is not None}
-    return json.dumps(data)
+    reason, film, attitude_from = (common[name] for name in ("reason", "film", "attitude_from"))
+    attitude = {"roll_deg": common["roll_deg"], "tilt_deg": common["tilt_deg"], "from": attitude_from}
+    optional = {
+        "reason": reason and str(reason),
+        "declined": reason and reason.as_json(),
+        "attitude": attitude if attitude_from else None,
+        "exposure_s": common["exposure_s"],
+        "expected_error": None if common["expected_error"] is None else round(common["expected_error"], 6),
+        "kinds": {name: round(share, 4) for name, share in common["kind_shares"]} or None,
+        "film": film and film.as_json(),
+        **{name: common[name] and asdict(common[name]) for name in ("held", "held_at_rest")},
+    }
+    return json.dumps(data | {name: value for name, value in optional.items() if value is not None})
 
 
 def parsed(text: str) -> dict[str, Any]:

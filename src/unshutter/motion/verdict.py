@@ -94,11 +94,6 @@ def probability_better(size: float, error: float) -> float:
     return math.erf(size / (math.sqrt(2) * max(error, 1e-9)))
 
 
-def least_visible_px(rows: int) -> float:
-    """The smallest motion [px] that one photo of so many rows can show."""
-    return max(LEAST_PX, rows / _SMALLEST)
-
-
 class Certainty(StrEnum):
     """A confidence as a word."""
 
@@ -173,11 +168,6 @@ class Verdict:
             return ""
         return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")
 
-    @property
-    def film_sentence(self) -> str:
-        """Why the film inside the photo was not used; empty if it was used or the photo has none."""
-        return "" if self.film is None else f"{self.film}: not used"
-
     def undone(self, motion: Motion) -> Motion:
         """Returns the motion, or if it is not undone, a zero motion with the reason."""
         return motion if self.undoes else replace(motion.scaled(0), reason=self.reason)
@@ -195,26 +185,18 @@ class Verdict:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
-        if self.error_px is not None and self.undoes:
-            data["expected_error_px"] = round(self.error_px, 2)
-        if self.source is not None:
-            data["source"] = self.source
-        if self.film is not None:
-            data["film"] = self.film.as_json()
-        if self.upright is not None:
-            data["upright"] = {"roll_deg": round(self.upright.roll_deg, 2), "tilt_deg": self.upright.tilt_deg}
-        if self.not_upright is not None:
-            data["not_upright"] = self.not_upright.as_json()
-        if self.reason is None:
-            return data
-        about = self.reason.as_json()
-        return {
-            **data,
-            "cause": self.cause,
-            "reason": self.sentence,
-            "code": about["code"],
-            "figures": about["figures"],
+        pose, about = self.upright, self.reason.as_json() if self.reason is not None else {}
+        optional = {
+            "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,
+            "source": self.source,
+            "film": self.film and self.film.as_json(),
+            "upright": pose and {"roll_deg": round(pose.roll_deg, 2), "tilt_deg": pose.tilt_deg},
+            "not_upright": self.not_upright and self.not_upright.as_json(),
         }
+        data |= {name: value for name, value in optional.items() if value is not None}
+        if self.undoes:
+            return data
+        return data | {"cause": self.cause, "reason": self.sentence, "code": about["code"], "figures": about["figures"]}
 
     @property
     def _at_confidence(self) -> str:
@@ -232,7 +214,7 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
     if motion.is_zero:
         return Reason(Code.NO_MOTION)
     if sure is not None and undo.min_confidence != 0:
-        if largest < least_visible_px(motion.height):
+        if largest < max(LEAST_PX, motion.height / _SMALLEST):
             return Reason(Code.NO_VISIBLE_MOTION)
         if sure < (MIN_CONFIDENCE if undo.min_confidence is None else undo.min_confidence):
             return Reason.of(Code.UNSURE, confidence=_two_decimals(sure), px=largest)

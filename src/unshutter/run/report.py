@@ -230,7 +230,8 @@ def exit_code(failed: int, total: int) -> int:
 
 def about(verdict: Verdict) -> str:
     """Describes the verdict, why a film inside the photo was not used, and what the user can do."""
-    return "; ".join(filter(None, (verdict.described(), verdict.film_sentence, _advice(verdict))))
+    film = "" if verdict.film is None else f"{verdict.film}: not used"
+    return "; ".join(filter(None, (verdict.described(), film, _advice(verdict))))
 
 
 def _advice(verdict: Verdict) -> str:
