@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from unshutter.single.search import Optima, Pose, Posterior
+from unshutter.single.search import Optima, Posterior
 
 
 def posterior_of(motion: np.ndarray, evidence: float, sigma: float = 0.004, lines_gain: float = 1.0) -> Posterior:
@@ -27,6 +27,6 @@ def posterior_of(motion: np.ndarray, evidence: float, sigma: float = 0.004, line
         breadth=3 * np.tanh(evidence / 20),
         against=0.05 if evidence > 0 else 0.6,
         in_favour=0.6 if evidence > 0 else 0.4,
-        pose=Pose(0.01, 0.1, 0.0),
-        pose_at_rest=Pose(0.01, 0.1, 0.0),
+        pose=np.array([0.01, 0.1, 0.0, 0.0]),
+        pose_at_rest=np.array([0.01, 0.1, 0.0, 0.0]),
     )

@@ -155,31 +155,24 @@ def in_plain_words(complaint: str) -> str:
 
 # ---- threads and their memory --------------------------------------------------------------------------
 
-_encoders = Lock()  # held while these are changed
-_encoding, _usual_threads = 0, 0
+_encoding = Lock()
 
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
     """Sets the number of threads used by libvips, regardless of the machine and VIPS_CONCURRENCY.
 
-    Needed for encoders whose output depends on this number. It applies to the whole process: all of libvips uses it
-    until the last block that set it is left.
+    Needed for encoders whose output depends on this number. It applies to all of libvips in this process until the
+    block is left; only one such block runs at a time.
     """
-    global _encoding, _usual_threads
     vips = libvips().vips_lib
-    with _encoders:
-        if not _encoding:
-            _usual_threads = vips.vips_concurrency_get()
-            vips.vips_concurrency_set(count)
-        _encoding += 1
-    try:
-        yield
-    finally:
-        with _encoders:
-            _encoding -= 1
-            if not _encoding:
-                vips.vips_concurrency_set(_usual_threads)
+    with _encoding:
+        usual = vips.vips_concurrency_get()
+        vips.vips_concurrency_set(count)
+        try:
+            yield
+        finally:
+            vips.vips_concurrency_set(usual)
 
 
 @contextmanager

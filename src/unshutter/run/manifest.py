@@ -27,7 +27,7 @@ from unshutter.run.folder import Judged
 from unshutter.run.work import Job, Outcome
 from unshutter.single.register import weights_file
 from unshutter.storage import locations
-from unshutter.storage.files import is_torn, lock, open_plain, write_all
+from unshutter.storage.files import added_to, is_torn, lock, open_plain, write_all
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
@@ -235,16 +235,10 @@ class FileJournal:
     def add(self, line: str) -> None:
         """Appends a line."""
         locations.make_folder(self._path.parent)
-        try:
-            descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-            try:
-                if self._lock is None:
-                    self._hold()
-                write_all(descriptor, (("\n" if is_torn(descriptor) else "") + line + "\n").encode())
-            finally:
-                os.close(descriptor)
-        except OSError as error:
-            raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
+        with added_to(self._path) as descriptor:
+            if self._lock is None:
+                self._hold()
+            write_all(descriptor, (("\n" if is_torn(descriptor) else "") + line + "\n").encode())
 
     def flush(self) -> None:
         """Does nothing: lines are not buffered."""

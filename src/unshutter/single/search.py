@@ -18,16 +18,6 @@ from unshutter.single.prior import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOW
 PX = 256.0  # rows of the reference picture for displacements and calibration
 
 
-@dataclass(frozen=True)
-class Pose:
-    """The orientation and focal length of a camera."""
-
-    roll: float  # clockwise rotation of the scene [rad]
-    tilt: float  # upward tilt [rad]
-    log_focal: float  # logarithm of the ratio of its focal length to the expected one
-    yaw: float = 0.0  # against the streets [rad]
-
-
 @dataclass(frozen=True, eq=False)
 class Optima:
     """The motions at the local maxima of the posterior."""
@@ -58,11 +48,11 @@ class Posterior:
     # sum of squares; 4 if all sixteen agree, negative if they oppose it
     breadth: float
     against: float  # share of the parts' evidence that opposes motion
-    # share of the segments that fit better with motion. pose, pose_at_rest: best camera for the best motion, and for
-    # no motion.
-    in_favour: float
-    pose: Pose
-    pose_at_rest: Pose
+    in_favour: float  # share of the segments that fit better with motion
+    # [4] best camera for the best motion, and for no motion: roll (clockwise rotation of the scene) and upward tilt
+    # [rad], logarithm of the ratio of the focal length to the expected one, yaw against the streets [rad]
+    pose: np.ndarray
+    pose_at_rest: np.ndarray
 
     @property
     def expected_error(self) -> float:
@@ -155,8 +145,8 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray]) -> P
         breadth=breadth,
         against=against,
         in_favour=in_favour,
-        pose=_pose(likelihood, best),
-        pose_at_rest=_pose(likelihood, still),
+        pose=best[CAMERA] - _expected(likelihood),
+        pose_at_rest=still[CAMERA] - _expected(likelihood),
     )
 
 
@@ -203,21 +193,19 @@ def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarr
     return float(breadth), float(against), float((for_motion > 0).mean())
 
 
-def _pose(likelihood: ManhattanLikelihood, unknowns: np.ndarray) -> Pose:
-    expected = likelihood.prior.mean[LOG_FOCAL]
-    roll, tilt, log_focal, yaw = unknowns[[ROLL, TILT, LOG_FOCAL, YAW]].tolist()
-    return Pose(roll, tilt, log_focal - float(expected), yaw)
+def _expected(likelihood: ManhattanLikelihood) -> np.ndarray:
+    """[4] what a camera's pose is relative to: only its focal length is, to the expected one."""
+    return np.array([0.0, 0.0, likelihood.prior.mean[LOG_FOCAL], 0.0])
 
 
 def cameras_for(
-    likelihood: ManhattanLikelihood, motions: np.ndarray, near: Sequence[Pose]
+    likelihood: ManhattanLikelihood, motions: np.ndarray, near: Sequence[np.ndarray]
 ) -> Float64[np.ndarray, "motions 4"]:
     """Returns the most probable camera (roll, tilt, log focal length, yaw) given each of the motions [M, 6].
 
-    The search for each begins at a pose that roughly fits.
+    The search for each begins at a pose [4] that roughly fits.
     """
-    expected = likelihood.prior.mean[LOG_FOCAL]
-    cameras = [(pose.roll, pose.tilt, pose.log_focal + expected, pose.yaw) for pose in near]
+    cameras = np.stack(near) + _expected(likelihood)
     return descend(likelihood, np.concatenate([motions, cameras], axis=1), CAMERA)[0][:, CAMERA]
 
 

@@ -68,15 +68,22 @@ def write_all(descriptor: int, data: bytes) -> None:
         data = data[os.write(descriptor, data) :]
 
 
-def add_text(path: Path, text: str) -> None:
-    """Appends text to a file, creating it if necessary."""
-    descriptor = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+@contextmanager
+def added_to(path: Path) -> Iterator[int]:
+    """Opens a file in place to append to it, creating it if necessary; yields its descriptor."""
+    descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
     try:
-        write_all(descriptor, text.encode())
+        yield descriptor
     except OSError as error:
         raise UnshutterError(f"cannot write {{file}}: {error.strerror}", file=path) from None
     finally:
         os.close(descriptor)
+
+
+def add_text(path: Path, text: str) -> None:
+    """Appends text to a file, creating it if necessary."""
+    with added_to(path) as descriptor:
+        write_all(descriptor, text.encode())
 
 
 def is_torn(descriptor: int) -> bool:
@@ -99,16 +106,11 @@ class JsonLog:
 
     def __init__(self, path: Path):
         self._path = path
-        descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-        try:
+        with added_to(path) as descriptor:
             if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
                 raise UnshutterError(f"{path} is not an unshutter log: choose another name for --json-log")
             if is_torn(descriptor):
                 write_all(descriptor, b"\n")
-        except OSError as error:
-            raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
-        finally:
-            os.close(descriptor)
 
     def add(self, event: str, **about: Any) -> None:
         """Appends an event."""
