@@ -162,10 +162,8 @@ class Orientation(IntEnum):
 
     def upright_direction(self, right: int, down: int) -> tuple[int, int]:
         """Converts a direction (right, down) in the stored picture to the upright one."""
-        right = -right if self.mirrored else right
-        for _ in range(self.quarter_turns):
-            right, down = -down, right
-        return right, down
+        origin, end = self.upright_point(0, 0), self.upright_point(right, down)
+        return end[0] - origin[0], end[1] - origin[1]
 
     @property
     def scene_up(self) -> tuple[int, int]:

@@ -31,7 +31,7 @@ _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0x
 _RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT, _INCH = (0x011A, 0x011B), 0x0128, 1, 2
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0xA002, 0xA003, 0xA405
-_SOFTWARE = 0x0131
+SOFTWARE = 0x0131
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF is limited to 65,527
 _ENTRY_BYTES, _MOST_DIRECTORIES = 12, 1000
@@ -80,15 +80,10 @@ def orientation(blob: bytes | None) -> Orientation | None:
     return Orientation(number) if number in tuple(Orientation) else None
 
 
-def software(blob: bytes | None) -> str:
-    """Returns the name of the program that wrote the picture; empty if it is missing."""
-    return read(blob).text(_SOFTWARE)
-
-
 def of_software(name: str) -> bytes | None:
     """Creates EXIF with only the name of the program that wrote the picture."""
     text = name.encode("ascii") + b"\0"
-    return of_tiff(tiff.Tree("<", [{_SOFTWARE: tiff.Entry(2, len(text), text)}]))
+    return of_tiff(tiff.Tree("<", [{SOFTWARE: tiff.Entry(2, len(text), text)}]))
 
 
 def resolution(blob: bytes | None) -> tuple[float, float, str] | None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from unshutter.photo import directories as tiff
 
-_APPLE, _APPLE_ORDER_AT, _APPLE_DIRECTORY_AT, _APPLE_CONTENT_IDENTIFIER = b"Apple iOS\0", 12, 14, 0x0011
+_APPLE, _APPLE_ORDER_AT, _APPLE_DIRECTORY_AT, APPLE_CONTENT_IDENTIFIER = b"Apple iOS\0", 12, 14, 0x0011
 _NIKON, _NIKON_HEAD, _NIKON_PREVIEW = b"Nikon\0\x02", 10, 0x0011  # its later notes; the directory of their preview
 
 
@@ -29,11 +29,6 @@ def apple(blob: bytes | None) -> tiff.Tree:
     order = "<" if note[_APPLE_ORDER_AT:_APPLE_DIRECTORY_AT] == b"II" else ">"
     directory = tiff.read_directory(note, _APPLE_DIRECTORY_AT, order) if note.startswith(_APPLE) else None
     return tiff.Tree(order, [directory or {}])
-
-
-def content_identifier(blob: bytes | None) -> str:
-    """Returns the identifier that Apple gives to a Live Photo and its film; empty if EXIF has none."""
-    return apple(blob).text(_APPLE_CONTENT_IDENTIFIER)
 
 
 # ---- notes that move -----------------------------------------------------------------------------------

@@ -283,7 +283,7 @@ class Photo(FileOutput):
     @property
     def software(self) -> str:
         """The program that wrote the file, from EXIF; empty if unknown."""
-        return exif.software(self._metadata.exif)
+        return exif.read(self._metadata.exif).text(exif.SOFTWARE)
 
     def taken(self) -> datetime | None:
         """Returns the time at which the photo was taken, from EXIF, in the camera's time zone; None if unknown."""

@@ -43,13 +43,8 @@ def moved(tokens: Float[Array, "batch segments 6"], motion: Float[Array, "batch 
     xp = geometry.namespace(tokens)
     x, y = tokens[..., 0:4:2], tokens[..., 1:4:2]  # [B, N, 2 ends]
     u = y + 0.5
-    tx, rz = (_cubic(motion[:, k, :, None, None], u) for k in (0, 1))
+    tx, rz = (u * geometry.polynomial(motion[:, k, None, None], u) for k in (0, 1))
     return xp.stack(geometry.rs_to_gs(x, y, tx, rz), axis=1)
-
-
-def _cubic(coefficients: Array, u: Array) -> Array:
-    """Evaluates the polynomial with coefficients [B, 3, 1, 1] of u, u^2, u^3 at u [B, N, 2]."""
-    return u * (coefficients[:, 0] + u * (coefficients[:, 1] + u * coefficients[:, 2]))
 
 
 def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch 2 segments 2"]) -> Array:

@@ -46,12 +46,11 @@ class Avif(WrittenFormat):
         own, left_behind = boxes.look(source)
         image = picture_format.open_image(self, source)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
-        metadata = replace(picture_format.metadata_of(image), left_behind=left_behind)
+        found = picture_format.metadata_of(image)
+        profile = profile_of(*own.code_points, source) if found.icc is None else found.icc
         if picture_format.readable(self, source) is not source:
-            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *left_behind))
-        metadata = replace(metadata, exif=exif.with_header(metadata.exif))
-        if metadata.icc is None:
-            metadata = replace(metadata, icc=profile_of(*own.code_points, source))
+            found, left_behind = replace(found, exif=None), ("EXIF (damaged)", *left_behind)
+        metadata = replace(found, exif=exif.with_header(found.exif), icc=profile, left_behind=left_behind)
         header = picture_format.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)
         bands = header.bands - 2 if own.grey else header.bands

@@ -105,7 +105,9 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
     blobs: dict[str, bytes] = {}
     carried: list[tuple[bytes, bytes]] = []
     lost: list[str] = []
-    coding, palette = _coding(file), b""
+    file.seek(chunks.SIGNATURE_BYTES + 16)
+    depth, colour_type = file.read(2).ljust(2, b"\0")
+    palette = b""
     for name, data in chunks.chunks_of(file, skipped=_PIXELS):
         if data is None:
             lost.append("damaged chunks")
@@ -120,7 +122,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
             palette = data
         elif name == b"acTL" and data[:4] > _ONE_FRAME:
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
-        elif (copied := _carried(name, data, coding, palette)) is not None:
+        elif (copied := _carried(name, data, (depth, colour_type), palette)) is not None:
             carried.append((name, copied))
         elif name not in _OF_THE_CODING:
             lost.append(_IN_WORDS.get(name, f"chunk {name.decode('latin-1')}"))
@@ -147,13 +149,6 @@ def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes
         left_behind=tuple(dict.fromkeys(lost)),
     )
     return metadata.without_exif_loop()
-
-
-def _coding(file: BinaryIO) -> tuple[int, int]:
-    """Returns bits per sample and colour type."""
-    file.seek(chunks.SIGNATURE_BYTES + 16)
-    depth, colour_type = file.read(2).ljust(2, b"\0")
-    return depth, colour_type
 
 
 def _background(data: bytes, depth: int, colour_type: int, palette: bytes) -> bytes | None:

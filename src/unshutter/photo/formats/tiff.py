@@ -66,7 +66,9 @@ class Tiff(WrittenFormat):
         metadata = replace(
             metadata, exif=exif.of_tiff(tree), resources=resources, description=None, left_behind=tuple(lost)
         )
-        return picture_format.header(self, source, image, coding, metadata, _pictures(tree))
+        kinds = [tree.number(SUBFILE_TYPE, page=page) or 0 for page in range(len(tree.pages))]
+        pictures = sum(not kind & (_SMALLER_COPY | _MASK) for kind in kinds)
+        return picture_format.header(self, source, image, coding, metadata, pictures)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. Damaged JPEG data cause only a warning; most other warnings are harmless."""
@@ -130,9 +132,3 @@ def _unknown_tags(tree: Tree) -> Iterator[str]:
             yield "Photoshop's layers"
         elif tag >= _PRIVATE and tag not in _CARRIED and not exif.is_carried(tag):
             yield f"tag {tag}"
-
-
-def _pictures(tree: Tree) -> int:
-    """Counts the pages of a TIFF that are pictures; reduced copies and masks do not count."""
-    kinds = [tree.number(SUBFILE_TYPE, page=page) or 0 for page in range(len(tree.pages))]
-    return sum(not kind & (_SMALLER_COPY | _MASK) for kind in kinds)
