@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from support import clips
-from support.page_server import TOKEN, Asking, desk, events, served, temporary_folders
+from support.page_server import TOKEN, Asking, becomes, desk, events, served, temporary_folders
 from unshutter import errors
 from unshutter.cli import main
 from unshutter.cli.arguments import parse
@@ -150,9 +150,13 @@ def test_a_search_that_nobody_waits_for_is_stopped(client: httpx.Client, long_wa
     assert client.get(f"/api/clips/{id}/progress").json() == {}
     with pytest.raises(httpx.ReadTimeout):
         client.get(f"/api/clips/{id}/readout", timeout=1)
-    time.sleep(1)
-    noted = [client.get(f"/api/clips/{id}/progress").json() for _ in range(2) if not time.sleep(1)]
-    assert noted[0] == noted[1] and noted[0].get("done", 0) < noted[0].get("total", 1)
+    noted: list[dict] = []
+
+    def stands_still() -> bool:
+        noted[:] = [client.get(f"/api/clips/{id}/progress").json() for _ in range(2) if not time.sleep(1)]
+        return noted[0] == noted[1]
+
+    assert becomes(stands_still) and noted[0].get("done", 0) < noted[0].get("total", 1)
 
 
 def test_the_film_shows_stabilisation(client: httpx.Client, walk: Path) -> None:

@@ -114,7 +114,7 @@ def test_connections_without_a_request_are_closed(monkeypatch: pytest.MonkeyPatc
         silent, halting, asking = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
         halting[1].write(b"GET / HTTP/1.1\r\nHost: 127")
         asking[1].write(b"GET / HTTP/1.1\r\nHost: a\r\n\r\n")
-        got = await asyncio.gather(*(asyncio.wait_for(each[0].read(12), 3) for each in (silent, halting, asking)))
+        got = await asyncio.gather(*(asyncio.wait_for(each[0].read(12), 30) for each in (silent, halting, asking)))
         server.should_exit = True
         for each in (silent, halting, asking):
             each[1].close()

@@ -5,20 +5,19 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from support.page_server import Server, becomes, opened, rss, served, start, temporary_folders
+from support.page_server import LONG_S, Server, becomes, opened, rss, served, start, temporary_folders
 
 MB = 1_000_000
 
 
 def _refusal(home: Path, *arguments: object) -> tuple[int, str]:
     process = start(home, *arguments)
-    out, _ = process.communicate(timeout=20)
+    out, _ = process.communicate(timeout=LONG_S)
     return process.returncode, out
 
 
@@ -50,7 +49,7 @@ def test_nothing_is_left(tmp_path: Path, photo: Path, number: int) -> None:
         workers = Path(f"/proc/{server.process.pid}/task/{server.process.pid}/children").read_text().split()
         assert temporary_folders(home)
         server.process.send_signal(number)
-        out, _ = server.process.communicate(timeout=10)
+        out, _ = server.process.communicate(timeout=LONG_S)
     assert "Traceback" not in out
     assert not temporary_folders(home)
     assert becomes(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in workers))
@@ -102,16 +101,16 @@ def test_nothing_is_said_of_the_photos(tmp_path: Path, photo: Path) -> None:
         client.get("/api/photos/secret/before")
         assert client.post("/api/saves", content=b"--secret").status_code == 400
         server.process.send_signal(signal.SIGTERM)
-        out, _ = server.process.communicate(timeout=20)
+        out, _ = server.process.communicate(timeout=LONG_S)
     assert "secret" not in out and "POST" not in out
     assert all(line.startswith("unshutter: ") for line in out.splitlines() if line), out
 
 
 def test_idle_it_takes_little(tmp_path: Path) -> None:
-    began = time.monotonic()
     with served(tmp_path / "home") as server, server.client() as client:
         assert client.get("/api/about").status_code == 200
-        assert time.monotonic() - began < 10  # measured: docs/guide/page; others may work beside it
+        times = Path(f"/proc/{server.process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+        assert sum(map(int, times)) / os.sysconf("SC_CLK_TCK") < 5  # processor time [s]; measured: docs/guide/page
         assert rss(server.process.pid) < 80 * MB
 
 

@@ -33,6 +33,14 @@ def _with_lanes(test: Callable[[Lanes], Awaitable[Any]], **how: Any) -> Any:
         made.close()
 
 
+async def _ended(pid: int) -> None:
+    """Waits until a process is gone."""
+    with pytest.raises(ProcessLookupError):
+        while True:
+            os.kill(pid, 0)
+            await asyncio.sleep(0.02)
+
+
 def test_the_process_that_died_is_replaced_and_the_other_goes_on() -> None:
     async def test(lanes: Lanes) -> None:
         other = asyncio.create_task(lanes.do(NOW, time.sleep, 1.0))
@@ -80,9 +88,7 @@ def test_a_cancelled_job_is_ended(tmp_path: Path) -> None:
         job.cancel()
         await asyncio.wait([job])
         assert job.cancelled()
-        await asyncio.sleep(0.2)
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
+        await _ended(pid)
         assert await lanes.do(NOW, abs, -3) == 3
 
     _with_lanes(test, count=1)
@@ -119,7 +125,7 @@ def test_who_looks_at_the_screen_comes_first() -> None:
 def test_a_lane_is_kept_free_for_them() -> None:
     async def test(lanes: Lanes) -> float:
         await asyncio.gather(lanes.do(NOW, time.sleep, 0.1), lanes.do(NOW, time.sleep, 0.1))  # both are there
-        later = [asyncio.create_task(lanes.do(LATER, time.sleep, 3)) for _ in range(2)]
+        later = [asyncio.create_task(lanes.do(LATER, time.sleep, 20)) for _ in range(2)]
         await asyncio.sleep(0.1)
         began = time.monotonic()
         await lanes.do(NOW, abs, -3)
@@ -129,15 +135,13 @@ def test_a_lane_is_kept_free_for_them() -> None:
         await asyncio.wait(later)
         return took
 
-    assert _with_lanes(test) < 2
+    assert _with_lanes(test) < 15
 
 
 def test_a_lane_without_work_gives_its_memory_back() -> None:
     async def test(lanes: Lanes) -> None:
         pid = await lanes.do(NOW, os.getpid)
-        await asyncio.sleep(0.6)
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
+        await _ended(pid)
         assert await lanes.do(NOW, os.getpid) != pid
 
     _with_lanes(test, rest_s=0.2)

@@ -104,8 +104,8 @@ def test_many_tags_are_written_in_time_that_their_number_bounds():
     import time
 
     many = {tag: directories.Entry(7, 2000, bytes(2000)) for tag in range(1, 30_000)}
-    start = time.perf_counter()
+    start = time.process_time()
     written = directories.encoded(directories.in_other_order(many), 8, "<")
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     tree = directories.read_tree(io.BytesIO(b"II*\0\x08\0\0\0" + written))
     assert tree is not None and tree.pages[0] == many

@@ -145,7 +145,7 @@ def test_the_network_is_opened_while_the_first_photo_is_looked_at(
 ) -> None:
     looked = threading.Event()
     monkeypatch.setattr(Counting, "estimate", lambda self, view: looked.set() or view.no_motion(self.name, "none"))
-    monkeypatch.setattr(Counting, "prepare", lambda self: None if looked.wait(10) else pytest.fail("it was waited for"))
+    monkeypatch.setattr(Counting, "prepare", lambda self: None if looked.wait(60) else pytest.fail("it was waited for"))
     assert Lookahead(photos[:1], Find("none")).take(photos[0]).motion().reason
 
 

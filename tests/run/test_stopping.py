@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,12 +20,18 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals")
 MANIFEST = "unshutter-manifest.jsonl"
 
 
-@pytest.fixture
-def photo(tmp_path: Path) -> Path:
-    """A photo that takes a while to be written."""
+@pytest.fixture(scope="module")
+def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
     noise = np.random.default_rng(0).integers(0, 255, (3000, 4000, 3), np.uint8)
-    Photo.from_array(noise).save(tmp_path / "large.png")
-    return tmp_path / "large.png"
+    path = tmp_path_factory.mktemp("noise") / "large.png"
+    Photo.from_array(noise).save(path)
+    return path
+
+
+@pytest.fixture
+def photo(noise: Path, tmp_path: Path) -> Path:
+    """A photo that takes a while to be written."""
+    return shutil.copy(noise, tmp_path / "large.png")
 
 
 def wait_for(found, process: subprocess.Popen, seconds: float = 60) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
-SLOW_MS = 20_000  # others may work beside the tests
+SLOW_MS = 60_000  # others may work beside the tests
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 

@@ -147,7 +147,7 @@ def test_a_network_without_an_end_is_ended_at_the_limit(nodes, tmp_path: Path, m
     start = time.monotonic()
     with pytest.raises(UnshutterError, match=r"it took longer than 1 s"):
         unshutter.load(f"rengarajan2017@{weights}")
-    assert time.monotonic() - start < 6
+    assert time.monotonic() - start < 30  # not for ever; others may work beside it
 
 
 def huge(helper, types) -> list:

@@ -77,10 +77,10 @@ def test_a_picture_that_is_made_of_itself_is_refused(kind: bytes) -> None:
     at = data.index(b"cdsc")  # EXIF is about the picture
     (picture,) = struct.unpack_from(">H", data, at + 8)
     struct.pack_into(">4sHHH", data, at, b"dimg", picture, 1, picture)
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(UnshutterError, match="damaged, incomplete or unusual"):
         Photo.from_bytes(bytes(data))
-    assert time.monotonic() - start < 5
+    assert time.process_time() - start < 5
 
 
 @pytest.mark.parametrize("kept", [0.2, 0.6, 0.97])

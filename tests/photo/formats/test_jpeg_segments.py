@@ -140,9 +140,9 @@ def test_exif_about_as_long_as_a_segment_can_be_is_written_whole_or_named(length
 @pytest.mark.parametrize("target", ["jpeg", "png", "webp", "tiff", "avif"])
 def test_much_exif_takes_no_time(target) -> None:
     source = encoded(drawn(), "PNG", exif=long_exif(9 << 20))
-    start = time.perf_counter()
+    start = time.process_time()
     file = result(source, target)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     assert (len(file.data) > 9 << 20) == (target != "jpeg")
 
 
@@ -150,7 +150,7 @@ def test_much_exif_takes_no_time(target) -> None:
 def test_exif_whose_directories_go_round_in_circles_is_no_trap(format) -> None:
     pointers = b"".join(encoded_number("<", EXIF, 4, 8) for _ in range(5000))
     blob = b"Exif\0\0II*\0" + b"\x08\0\0\0" + (5000).to_bytes(2, "little") + pointers + b"\x08\0\0\0"
-    start = time.perf_counter()
+    start = time.process_time()
     file = result(encoded(drawn(), format, exif=blob))
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     assert file.left_out == ("EXIF (damaged)",)
