@@ -209,8 +209,10 @@ def _rectified_between(
     described = frames.at, frames.model, focal_px and focal_px / scale, alone
     sequence = SequenceOptions(options.readout_time, undo, options.find.camera.direction, *described)
     neighbours = [path and replace(open_file, path=path) for path in (frames.before, frames.after)]
-    for each in filter(None, neighbours):
-        _check_size(photo, opened(each))
+    for each in map(opened, filter(None, neighbours)):
+        if (each.height, each.width) != (photo.height, photo.width):
+            sizes = f"it has {each.width} × {each.height} px and the photo {photo.width} × {photo.height} px"
+            raise UnshutterError(f"{sizes}: they are not from the same burst or clip")
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
     verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
@@ -220,12 +222,6 @@ def _rectified_between(
     rows, cols = frame.valid.shape
     decision = policy.decide((rows, cols), lambda: valid_window(frame.valid))
     return frame.pixels, result | _edges_json(decision, (rows, cols), photo.orientation)
-
-
-def _check_size(photo: Photo, neighbour: Photo) -> None:
-    sizes = [f"{each.width} × {each.height} px" for each in (neighbour, photo)]
-    if sizes[0] != sizes[1]:
-        raise UnshutterError(f"it has {sizes[0]} and the photo {sizes[1]}: they are not from the same burst or clip")
 
 
 def _motion_json(motion: Motion) -> dict[str, Any]:

@@ -97,16 +97,11 @@ _XMP: tuple[tuple[str, bytes, bytes | None], ...] = (
 def attitude_of_xmp(packet: bytes) -> Attitude | None:
     """Reads how the camera of an upright stored picture was held, from the first known property in the packet."""
     for source, roll, pitch in _XMP:
-        angles = tuple(_numbers(packet, roll, pitch or rb"\bCamera:Pitch"))
+        found = (re.search(name + _NUMBER, packet) for name in (roll, pitch or rb"\bCamera:Pitch"))
+        angles = tuple(float(each[1]) for each in found if each)
         if len(angles) == 2 and not (source == "GPano" and re.search(_PANORAMA, packet)):
             return _from_straight_down(*angles, source) if pitch is None else _of_gimbal(*angles, source)
     return None
-
-
-def _numbers(packet: bytes, *names: bytes) -> list[float]:
-    """Returns the values of the properties that the packet has."""
-    matches = (re.search(name + _NUMBER, packet) for name in names)
-    return [float(match[1]) for match in matches if match]
 
 
 def _of_gimbal(roll: float, tilt: float, source: str) -> Attitude | None:

@@ -169,16 +169,13 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:
         resources = chunks.without_thumbnails(resources)
-    blob = _updated_exif(image, metadata.exif, orientation, is_new)
-    return replace(metadata, exif=blob, xmp=packet, resources=resources), left_out
-
-
-def _updated_exif(image: pyvips.Image, blob: bytes | None, orientation: Orientation, is_new: bool) -> bytes | None:
+    blob = metadata.exif
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
             blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
-    return exif.with_orientation(blob, orientation)
+    blob = exif.with_orientation(blob, orientation)
+    return replace(metadata, exif=blob, xmp=packet, resources=resources), left_out
 
 
 def _thumbnail(image: pyvips.Image) -> bytes:

@@ -156,7 +156,7 @@ def as_text() -> str:
     known = [method(name) for name in sorted(names(), key=lambda name: name != DEFAULT_ESTIMATOR)]
     by_file = {each.scores: json.loads(each.scores.read_text(encoding="utf-8")) for each in known if each.scores}
     # set of photos -> figures
-    scores = {each.name: by_file.get(each.scores, {}).get(each.name, {}) for each in known}
+    scores = {each.name: by_file[each.scores].get(each.name, {}) if each.scores else {} for each in known}
     places = list(dict.fromkeys(place for each in scores.values() for place in each))  # sets of photos
     rows = [["name", "weights", *places]]
     for each in known:

@@ -72,8 +72,6 @@ def way(folder: Place, where: Place) -> PurePosixPath | None:
 
 def is_folder(where: Place) -> bool:
     """Whether the place is an existing folder, or a prefix (with a slash) of object names."""
-    if isinstance(where, Path):
-        return where.is_dir()
     with _one_line(where):
         return where.is_dir()
 

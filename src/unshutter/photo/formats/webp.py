@@ -36,7 +36,7 @@ class Webp(WrittenFormat):
         """See Format."""
         image = picture_format.open_image(self, source)
         with source.stream() as stream:
-            lossless = _is_lossless(stream)
+            lossless = next((c.name == b"VP8L" for c in _chunks(stream) if c.name in (b"VP8L", b"VP8 ")), False)
             metadata = _with_chunks(picture_format.metadata_of(image), stream).without_exif_loop()
         coding = Coding(subsampled=not lossless, lossless=lossless)
         return picture_format.header(self, source, image, coding, metadata)
@@ -116,7 +116,9 @@ def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
             blobs[attribute] = _data(file, chunk)
         elif chunk.name not in _OF_THE_CODING:
             lost.append(f"chunk {chunk.name.decode('latin-1').strip()}" if chunk.name.isalnum() else "odd chunks")
-    if _has_data_behind(file):
+    file.seek(4)
+    file.seek(8 + int.from_bytes(file.read(4), "little"))  # to the end that the header states
+    if file.read(_LONGEST).strip(b"\0"):
         lost.append("data behind the picture")
     return replace(
         metadata,
@@ -124,15 +126,3 @@ def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
         xmp=metadata.xmp or blobs.get("xmp") or None,
         left_behind=tuple(dict.fromkeys(lost)),
     )
-
-
-def _has_data_behind(file: BinaryIO) -> bool:
-    """Whether data follow after the file length stated in the header."""
-    file.seek(4)
-    file.seek(8 + int.from_bytes(file.read(4), "little"))
-    return bool(file.read(_LONGEST).strip(b"\0"))
-
-
-def _is_lossless(file: BinaryIO) -> bool:
-    """Whether the picture is encoded losslessly (chunk VP8L)."""
-    return next((chunk.name == b"VP8L" for chunk in _chunks(file) if chunk.name in (b"VP8L", b"VP8 ")), False)
