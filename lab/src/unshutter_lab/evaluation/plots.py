@@ -186,21 +186,12 @@ _CAPTION = 18  # px above each picture
 
 
 def write_sheet(example: Example, path: Path) -> None:
-    """Writes a JPEG with all pictures of an example, in rows."""
-    Photo.from_array(sheet(example.pictures)).save(path, quality=82, overwrite=True)
+    """Writes a JPEG with all pictures of an example, captioned, in rows."""
+    import pyvips
 
-
-def sheet(pictures: list[tuple[str, np.ndarray]]) -> np.ndarray:
-    """Returns a uint8 [H, W, 3] sheet of captioned pictures [h, w, 1 or 3] of one size."""
-    tiles = [_tile(caption, picture) for caption, picture in pictures]
-    height, width = tiles[0].shape[:2]
-    across = min(_ACROSS, len(tiles))
-    down = -(-len(tiles) // across)
-    whole = np.full((down * (height + _GAP) - _GAP, across * (width + _GAP) - _GAP, 3), 255, np.uint8)
-    for k, tile in enumerate(tiles):
-        top, left = (k // across) * (height + _GAP), (k % across) * (width + _GAP)
-        whole[top : top + height, left : left + width] = tile
-    return whole
+    tiles = [pyvips.Image.new_from_array(_tile(*each)) for each in example.pictures]
+    whole = pyvips.Image.arrayjoin(tiles, across=min(_ACROSS, len(tiles)), shim=_GAP, background=[255])
+    Photo.from_array(whole.numpy()).save(path, quality=82, overwrite=True)
 
 
 def _tile(caption: str, picture: np.ndarray) -> np.ndarray:
