@@ -169,7 +169,7 @@ def test_what_a_clip_shows_beats_profiles_that_disagree(tmp_path, capsys, monkey
     monkeypatch.setattr(cameras, "table", lambda: tuple(wrong))
     greys = clips.moving(60, clips.shaken(3.0))[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
-    record, _ = log_of(tmp_path, capsys, clip, "--camera", "one")
+    record, _ = log_of(tmp_path, capsys, clip, "--camera", "one", *clips.KNOWN[2:])
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=2)
 
 

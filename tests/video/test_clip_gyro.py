@@ -46,7 +46,7 @@ def test_a_vibration_is_undone_by_the_log_and_not_by_the_pictures(tmp_path, caps
     camera, clip, log = shaken
     truth = clips.luma(clips.write(tmp_path / "truth.mkv", clips.truth(camera), "ffv1"))
     by_gyro, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(log))
-    by_pictures, other, _ = straighten(clip, tmp_path, capsys, "--gyro", "off", "--readout-ratio", str(clips.RATIO))
+    by_pictures, other, _ = straighten(clip, tmp_path, capsys, "--gyro", "off", *clips.KNOWN)
     assert record["gyro"]["used"] and "gyro" not in other
     assert record["found_by"] == "gyro" and record["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.02)
     assert record["gyro"]["focal_heights"] == pytest.approx(clips.FOCAL / clips.HEIGHT, rel=0.05)  # so few px
@@ -65,7 +65,7 @@ def test_a_motion_file_keeps_the_vibration(tmp_path, capsys, shaken):
 def test_a_log_that_the_picture_does_not_follow_is_left_alone_and_named(tmp_path, capsys, shaken):
     _, clip, _ = shaken
     other = write_gcsv(tmp_path / "other.gcsv", drawn_log(hand_held.camera(hand_held.hand(seed=7)), 0.0))
-    _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(other), "--readout-ratio", "0.6")
+    _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(other), *clips.KNOWN)
     assert not record["gyro"]["used"] and record["gyro"]["declined"]["code"] == "gyro-disagrees"
     assert "not used: the picture does not follow the gyro log" in printed
 
@@ -153,7 +153,7 @@ def test_a_log_shorter_than_the_clip_is_left_alone(tmp_path, capsys, shaken):
     log = drawn_log(camera)
     kept = (log.t_s > 0) & (log.t_s < 0.6)
     short = write_gcsv(tmp_path / "short.gcsv", type(log)(log.t_s[kept], log.rates[kept], "", log.force))
-    _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(short), "--readout-ratio", "0.6")
+    _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(short), *clips.KNOWN)
     assert record["gyro"]["declined"]["code"] == "gyro-too-short"
 
 
