@@ -207,7 +207,7 @@ def test_a_live_photo_has_its_film_next_to_it(hurried, tmp_path):
     words = ["-c", "copy", "-movflags", "use_metadata_tags", "-metadata", tag]
     command = ["ffmpeg", "-v", "error", "-i", tmp_path / "film.mp4", *words, tmp_path / "IMG_1.MOV"]
     subprocess.run(command, check=True)
-    note = b"Apple iOS\0\0\1MM" + directory(">", 14, (0x0011, 7, name.encode() + b"\0"))
+    note = b"Apple iOS\0\0\1MM" + directory(">", 14, (0x0011, 2, name.encode() + b"\0"))
     exif = exif_with_note(note, "Apple")
     still = Photo.from_bytes(data).pixels[..., 0]
     for file, own in (("IMG_1.JPG", exif), ("IMG_2.JPG", exif)):

@@ -96,7 +96,7 @@ def test_grey_pixels_stay_grey() -> None:
         (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "give readout_ratio, or"),
         (FRAMES, {"fps": 30}, "give both"),
         (FRAMES, {"readout_ratio": 0.5, "at": 2}, "between -1 and 1"),
-        (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose auto, keep, crop or fill"),
+        (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "edges must be one of auto, keep, crop, fill"),
         (FRAMES[:1], {"readout_ratio": 0.5}, "at least two frames"),
     ],
 )

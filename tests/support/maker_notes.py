@@ -11,7 +11,7 @@ from unshutter.photo import Photo
 
 def directory(order: str, at: int, *tags: tuple[int, int, bytes]) -> bytes:
     """A directory of (tag, TIFF type, bytes) that stands at a place; longer values follow it."""
-    sizes = {3: 2, 7: 1, 8: 2, 9: 4, 10: 8, 13: 4}
+    sizes = {2: 1, 3: 2, 7: 1, 8: 2, 9: 4, 10: 8, 13: 4}
     table, values = struct.pack(order + "H", len(tags)), b""
     for tag, kind, data in tags:
         table += struct.pack(order + "HHI", tag, kind, len(data) // sizes[kind])

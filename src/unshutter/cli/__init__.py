@@ -154,7 +154,7 @@ def command_named(name: str) -> Command:
 
 def summaries() -> dict[str, str]:
     """Returns the summaries of all commands by name, those of other installed packages last."""
-    return {name: command_named(name).summary for name in (*COMMANDS, *errors.plugins(_GROUP).names)}
+    return {name: command_named(name).summary for name in (*COMMANDS, *sorted(errors.plugins(_GROUP).names))}
 
 
 def _help() -> str:
