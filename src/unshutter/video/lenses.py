@@ -140,6 +140,7 @@ _FINEST = 0.03  # step at which Newton's method may end
 _COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
 _SURE = 8.0  # by so much must a bent lens explain the tracks better than one that keeps lines straight
 _HOPELESS = 0.25  # share of that, at the rough look
+_NARROW = np.radians(20)  # from the axis to the corner: such lenses do not bend lines, or the camera moved sideways
 # largest standard deviation of the corner's distance from the middle, as a share of it: to end the search; at its end
 _SURE_CORNER, _SURE_ENOUGH = 0.01, 0.02
 
@@ -195,6 +196,8 @@ def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
     focals = turning.usual + np.log(_FOCALS) - np.log(_USUAL)
     straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_ROUGH)
     bent, _ = turning.highest([np.array([bend, focal]) for bend in _BENDS for focal in focals], np.eye(2), *_ROUGH)
+    if bent[1] > np.log(turning.corner * ROWS / np.tan(_NARROW)):
+        return -np.inf, straight, bent
     share = sum(map(len, few)) / sum(map(len, pairs))
     return (turning.height(bent) - turning.height(straight)) / share, straight, bent
 
