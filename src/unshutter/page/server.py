@@ -28,6 +28,7 @@ def serve(settings: Settings) -> int:
         import uvicorn.server
 
         from unshutter.page.app import application
+        from unshutter.page.guard import Connection
     except ImportError as error:
         raise UnshutterError(f"the page needs the extra: {errors.extra('web')} ({error})") from None
 
@@ -42,7 +43,7 @@ def serve(settings: Settings) -> int:
             "server_header": False,
             "lifespan": "off",
             "ws": "none",
-            "http": "unshutter.page.guard:Connection",
+            "http": Connection,
             "limit_concurrency": _MOST_CONNECTIONS,
             "timeout_graceful_shutdown": _WAIT_S,
         }
