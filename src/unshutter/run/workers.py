@@ -9,8 +9,8 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from typing import Any
 
@@ -103,6 +103,15 @@ def _end_with_parent() -> None:
 _clock: Any = None  # in a worker: start times of the jobs, by slot
 
 
+class _Result(Future[Any]):
+    """The future of a job, which may be cancelled before its worker dies: Python 3.11 reports that death to it, too."""
+
+    def set_exception(self, exception: BaseException | None) -> None:
+        """Sets the exception unless the job was cancelled."""
+        with suppress(InvalidStateError):
+            super().set_exception(exception)
+
+
 class TimedPool(ProcessPoolExecutor):
     """A pool whose workers exit when a job takes too long: nothing else stops a decoder that hangs.
 
@@ -125,6 +134,7 @@ class TimedPool(ProcessPoolExecutor):
         if place is not None:
             self._began[place] = 0
         future = super().submit(_timed, place, self._timeout_s, fn, *args, **kwargs)
+        future.__class__ = _Result
         if place is not None:
             self._places[future] = place
             future.add_done_callback(self._set_free)
