@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
@@ -70,6 +71,8 @@ class Batch:
     folder: Folder | None = None  # what the photos say together; None: each is judged by itself
     _stopping: bool = field(default=False, init=False)
     _running: dict[Future[Outcome], Job] = field(default_factory=dict, init=False)
+    # futures that ended, some twice; futures.wait would leave them locked if a signal came while it takes their locks
+    _ended: SimpleQueue[Future[Outcome]] = field(default_factory=SimpleQueue, init=False)
 
     def run(self, jobs: Iterable[Job]) -> None:
         """Runs all jobs, then again those that the other photos of their folder decide differently."""
@@ -89,11 +92,16 @@ class Batch:
                 if self.manifest is not None:
                     self.manifest.flush()
                 for job in starting:
-                    self._running[self._submit(job)] = job
+                    self._start(job)
                 self._collect()
         except KeyboardInterrupt:
             self._stop()
             raise
+
+    def _start(self, job: Job) -> None:
+        future = self._submit(job)
+        self._running[future] = job
+        future.add_done_callback(self._ended.put)
 
     def _submit(self, job: Job) -> Future[Outcome]:
         """Submits the job; returns a failed future if a worker has just died unnoticed."""
@@ -122,10 +130,15 @@ class Batch:
         return replace(job, may_repeat=True) if self.workers.elsewhere else job
 
     def _collect(self) -> None:
-        """Waits for at least one running job to end; returns at once if there is none."""
+        """Waits for a running job to end, if there is one, and takes all that have."""
         crashed: dict[Future[Outcome], Job] = {}
-        for future in wait(self._running, return_when=FIRST_COMPLETED).done:
-            job = self._running.pop(future)
+        ended = [self._ended.get()] if self._running else []
+        while not self._ended.empty():
+            ended.append(self._ended.get())
+        for future in ended:
+            job = self._running.pop(future, None)
+            if job is None:  # it was given up, or is here for the second time
+                continue
             error = _error_of(future)
             if isinstance(error, BrokenExecutor):
                 crashed[future] = job
@@ -156,8 +169,7 @@ class Batch:
             if future in overdue:
                 self._finish(job, self._timed_out(job))
             elif overdue:
-                again = replace(job, may_repeat=True)
-                self._running[self._submit(again)] = again
+                self._start(replace(job, may_repeat=True))
 
     def _one_by_one(self, jobs: Iterable[Job]) -> None:
         for job in jobs:
@@ -200,6 +212,8 @@ class Batch:
         for future in list(self._running):
             if future.cancel():
                 del self._running[future]
+            else:  # the signal may have come before its end was noted
+                future.add_done_callback(self._ended.put)
         if self._running:
             with suppress(OSError):  # the terminal is closed
                 self.report.tell("unshutter: finishing the photos in progress (press Ctrl-C again to abandon them)")
