@@ -99,6 +99,7 @@ def experience(with_network: bool) -> Experience:
 
 def features(posterior: Posterior, mode: Mode, opinion: np.ndarray | None) -> dict[str, float]:
     """Returns what the forests read; displacements in px of 256 rows, angles in degrees."""
+    (roll, tilt, focal, _), (roll_at_rest, tilt_at_rest, focal_at_rest, _) = posterior.pose, posterior.pose_at_rest
     found = {
         "evidence": posterior.evidence,
         "lines_gain": posterior.lines_gain,
@@ -110,12 +111,12 @@ def features(posterior: Posterior, mode: Mode, opinion: np.ndarray | None) -> di
         "breadth": posterior.breadth,
         "against": posterior.against,
         "in_favour": posterior.in_favour,
-        "roll": abs(math.degrees(posterior.pose[0])),
-        "roll_at_rest": abs(math.degrees(posterior.pose_at_rest[0])),
-        "tilt": math.degrees(posterior.pose[1]),
-        "tilt_at_rest": math.degrees(posterior.pose_at_rest[1]),
-        "focal": posterior.pose[2],
-        "focal_at_rest": posterior.pose_at_rest[2],
+        "roll": abs(math.degrees(roll)),
+        "roll_at_rest": abs(math.degrees(roll_at_rest)),
+        "tilt": math.degrees(tilt),
+        "tilt_at_rest": math.degrees(tilt_at_rest),
+        "focal": focal,
+        "focal_at_rest": focal_at_rest,
         **{f"evidence for {kind}": evidence for kind, evidence in posterior.evidence_of.items()},
         **{f"share of {kind}": share for kind, share in posterior.kinds.items()},
         "own_size": PX * displacement(mode.motion),
