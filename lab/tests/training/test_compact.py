@@ -28,6 +28,7 @@ size = 64
 width = 4
 hidden = 32
 row_width = 4
+looks = 2
 [data]
 size = 64
 canvas = 88

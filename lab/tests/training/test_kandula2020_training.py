@@ -14,7 +14,7 @@ from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
 from unshutter.errors import UsageError
 from unshutter_lab.training.config import TrainConfig, load_config, shipped_configs
 from unshutter_lab.training.kandula2020 import KandulaRecipe, LossConfig, row_map_error
-from unshutter_lab.training.pixels import rs_positions, sampled_motion
+from unshutter_lab.training.pixels import rs_positions, sample, sampled_motion
 from unshutter_lab.training.recipes import make_recipe
 from unshutter_lab.training.train import make_optimiser, rate_at, run
 
@@ -70,6 +70,34 @@ def test_the_row_block_learns_the_true_row_map_in_the_first_phase(tmp_path):
     assert {"train_epe", "train_epe_as_seen"} <= set(log[-1])
 
 
+def test_layers_that_are_kept_do_not_learn(tmp_path):
+    config = write_config(tmp_path / "small.toml", "regress_steps = 100\nagain = 0.5", "kept = 1")
+    runs = [run(config, tmp_path / name, steps=steps, device="cpu") for name, steps in (("one", 1), ("all", 6))]
+    before, after = (torch.load(folder / "checkpoint.pt", weights_only=True)["network"] for folder in runs)
+    changed = {name for name in before if (before[name] != after[name]).any()}
+    kept = {name for name in before if "row_block." in name or "base.0." in name}
+    assert not changed & kept
+    assert {name for name in before if "base.2.0" in name} <= changed
+
+
+def test_half_of_the_pictures_are_seen_as_the_network_rectifies_them():
+    """What is left to find in them is what it did not find at first."""
+    torch.manual_seed(0)
+    recipe = KandulaRecipe(TrainConfig("kandula2020", batch=4, network=NETWORK, data=DATA, loss={"again": 0.5}), CPU)
+    network, seen = recipe.build(), []
+    handle = network.register_forward_pre_hook(lambda _, pictures: seen.append(pictures[0]))
+    recipe.loss(network, 0, torch.Generator().manual_seed(1))
+    handle.remove()
+    samples = recipe.data.batch(4, torch.Generator().manual_seed(1), recipe.weights.regress_photos, with_gs=False)
+    assert network.training and torch.equal(seen[0][2:], samples.rs[2:])
+    truth = torch.stack(samples.row_motion(), 1)
+    network.one_look = lambda pictures: truth[: len(pictures)]  # a network that finds everything leaves nothing
+    pictures, rest = recipe._seen_again(network, samples.rs, truth, 2)
+    assert not rest[:2].any() and torch.equal(rest[2:], truth[2:])
+    expected = sample(samples.rs, *rs_positions(truth, None))[0][:2]
+    assert (pictures[:2] - expected).abs().mean() < 0.01
+
+
 def test_row_maps_are_compared_with_the_rows_that_saw_the_pixels():
     samples = next(KandulaRecipe(TrainConfig("kandula2020", network=NETWORK, data=DATA), CPU).data.validation())
     true = rs_positions(torch.stack(samples.row_motion(), 1), None)[1]
@@ -92,11 +120,12 @@ def test_where_a_motion_has_no_inverse_it_is_no_number():
     torch.testing.assert_close(rz, torch.tensor([[[0.25, torch.nan, 0.7]]]), equal_nan=True)
 
 
-def test_export_is_the_network(tmp_path):
+@pytest.mark.parametrize("more", [{}, {"looks": 3, "mirror_average": True, "row_input": "trajectory"}])
+def test_export_is_the_network(tmp_path, more):
     import onnxruntime
 
     torch.manual_seed(0)
-    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK, data=DATA), CPU)
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK | more, data=DATA), CPU)
     network = recipe.build()
     nn.init.normal_(network.row_block.layers[-1].weight, std=0.1)
     network(torch.rand(4, 3, 64, 64))  # batch statistics that are not those of the start

@@ -166,7 +166,7 @@ def test_a_base_says_what_the_file_does_not(config: Path, tmp_path: Path) -> Non
     assert more.network == {"width": 16, "layers": 2, "heads": 2}
     other = load_config(tmp_path / "more.toml", tmp_path / "other.toml")
     assert (other.steps, other.batch, other.network) == (7, 3, {"width": 8, "layers": 2})
-    (tmp_path / "own.toml").write_text('base = "kandula2020-cpu-continued"\nsteps = 7')  # the longest chain that ships
+    (tmp_path / "own.toml").write_text('base = "kandula2020-cpu-again"\nsteps = 7')  # the longest chain that ships
     assert load_config(tmp_path / "own.toml").steps == 7
     (tmp_path / "loop.toml").write_text('base = "loop.toml"')
     with pytest.raises(UsageError, match="too many files"):
@@ -193,9 +193,14 @@ def test_a_run_starts_from_a_kept_checkpoint(config: Path, tmp_path: Path) -> No
         run(wider, tmp_path / "runs", start=tmp_path / "none.pt")
 
 
-def test_half_precision_learns_nearly_the_same(config: Path, tmp_path: Path) -> None:
+def test_half_precision_learns_nearly_the_same_and_is_used_where_it_is_fast(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = log(run(config, tmp_path / "runs"))
     config.write_text("bfloat16 = true\n" + TINY)
+    monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda: "AVX2")
+    assert log(run(config, tmp_path / "slow"))[-1]["gradient"] == whole[-1]["gradient"]
+    monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda: "AVX512")
     half = log(run(config, tmp_path / "half"))
     assert float(half[-1]["loss"]) == pytest.approx(float(whole[-1]["loss"]), rel=0.2)
     assert half[-1]["gradient"] != whole[-1]["gradient"]  # it is another arithmetic

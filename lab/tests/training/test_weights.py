@@ -69,6 +69,41 @@ def test_the_network_is_the_same_in_use_and_in_training(recipe, pictures, traine
     assert ((in_training - in_use) / unit).abs().max() < 0.1
 
 
+def test_a_network_with_more_channels_answers_as_the_exported_one_and_learns_with_all(
+    recipe, pictures, trained, tmp_path
+):
+    recipe.export(trained, tmp_path / "model.onnx")
+    wide = make_recipe(replace(recipe.config, network=NETWORK | {"late_width": 20, "hidden": 40}), torch.device("cpu"))
+    network = wide.build()
+    load_exported(network, tmp_path / "model.onnx", pictures)
+    motion, row_map = network.eval()(pictures)
+    with torch.no_grad():
+        expected_motion, expected_map = trained(pictures)
+    torch.testing.assert_close(motion, expected_motion, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(row_map, expected_map, rtol=1e-3, atol=1e-2)
+    motion.square().mean().backward()
+    for name in ("tx", "rz"):
+        (*_, hidden, _, last) = getattr(network.motion_block, name)
+        narrow = recipe.build().motion_block.tx[-1].in_features
+        assert last.weight.grad[:, narrow:].any() and hidden.weight.shape[0] == 40
+
+
+def test_a_network_that_looks_twice_starts_from_its_file(recipe, pictures, trained, tmp_path):
+    import onnx
+
+    twice = make_recipe(replace(recipe.config, network=NETWORK | {"looks": 2}), torch.device("cpu"))
+    network, begun = twice.build(), twice.build()
+    network.load_state_dict(trained.state_dict())
+    twice.export(network.eval(), tmp_path / "model.onnx")
+    model = onnx.load(tmp_path / "model.onnx")
+    store_in_fewer_bits(model)
+    onnx.save(model, tmp_path / "model.onnx")
+    load_exported(begun, tmp_path / "model.onnx", pictures)
+    with torch.no_grad():
+        expected, motion = network(pictures)[0], begun.eval()(pictures)[0]
+    assert ((motion - expected) / expected.std(dim=(0, 2))[:, None]).abs().max() < 0.1
+
+
 @pytest.mark.parametrize("kind", ["rowcol", "vanilla"])
 def test_the_predecessors_networks_start_from_what_ships(kind):
     """Convolutions with biases, a mean picture, and pairs that were exported as sequences."""

@@ -96,16 +96,20 @@ def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None
         if node.op_type == "Gemm" and node.input[1] in known and min(known[node.input[1]].dims) >= 4 * rank
     ]
     outputs = _outputs_of(wide, model, pictures)
+    narrowed: dict[
+        str, list[str]
+    ] = {}  # weights of a wide layer, which may be in use several times -> those of its pair
+    for name, bias in dict.fromkeys((node.input[1], node.input[2]) for node in wide):
+        seen = np.concatenate([outputs[node.output[0]] for node in wide if node.input[1] == name])
+        parts = _narrowed(*(numpy_helper.to_array(known.pop(each)) for each in (name, bias)), seen, rank)
+        narrowed[name] = [f"{name}.{part}" for part in ("projected", "directions", "bias")]
+        known |= {each: numpy_helper.from_array(part, each) for each, part in zip(narrowed[name], parts, strict=True)}
     nodes = []
     for node in model.graph.node:
         if node not in wide:
             nodes.append(node)
             continue
-        names = [f"{node.input[1]}.{part}" for part in ("projected", "directions", "bias")]
-        weights, bias = (numpy_helper.to_array(known.pop(name)) for name in node.input[1:])
-        parts = _narrowed(weights, bias, outputs[node.output[0]], rank)
-        known |= {name: numpy_helper.from_array(part, name) for name, part in zip(names, parts, strict=True)}
-        between = f"{node.output[0]}.{rank}"
+        names, between = narrowed[node.input[1]], f"{node.output[0]}.{rank}"
         nodes.append(helper.make_node("Gemm", [node.input[0], names[0]], [between], transB=1))
         nodes.append(helper.make_node("Gemm", [between, names[1], names[2]], list(node.output), transB=1))
     _rebuild(model, nodes, list(known.values()))

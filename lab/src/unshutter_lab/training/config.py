@@ -39,7 +39,7 @@ class TrainConfig:
     clip: float = 20.0  # largest gradient norm
     average: float = 0.998  # decay of the moving average of the weights, which is exported
     seed: int = 0
-    bfloat16: bool = False  # convolutions and matrix products in half precision (2.5 times as fast on a CPU with AMX)
+    bfloat16: bool = False  # half precision where it is faster: on a GPU, and 2.5 times on a CPU with AMX
     threads: int = 1  # CPU threads
     log_every: int = 50  # steps between two rows of log.csv
     validate_every: int = 500  # steps between two validations, each of which adds a row to log.csv too

@@ -13,8 +13,7 @@ rotation. Positions and motions are as in pixels.py.
 
 The paper's losses are squared L2 norms; here each is a mean over valid pixels (and channels), so that the weights
 1, 1, 0.5, 0.5 have the same meaning at every picture and batch size. A pixel of a warped picture is valid if its
-sampling position lies inside a valid part of the source, so that a black pixel of the scene counts. The paper's
-literal rule, by which every pixel that is not black is valid, is ``mask = "black"``.
+sampling position lies inside a valid part of the source, so that a black pixel of the scene counts.
 """
 
 from __future__ import annotations
@@ -45,7 +44,6 @@ class LossConfig:
     regenerated: float = 1.0  # lambda_2
     rectified_edges: float = 0.5  # lambda_3
     regenerated_edges: float = 0.5  # lambda_4
-    mask: Literal["grid", "black"] = "grid"  # black: the paper's literal rule
     regress_steps: int = 800  # first phase: steps in which the true motion is regressed
     regress_photos: int = 50  # photos of the first phase; 0: all
     # Weight of the regression, chosen so that the gradients of both phases have a similar size: Adam divides by the
@@ -55,6 +53,7 @@ class LossConfig:
     regress_norm: Literal["square", "distance"] = "square"
     # Weight of the row map's own error in the first phase; ours: the paper's row block learns from pictures alone.
     row_residual: float = 0.0
+    again: float = 0.0  # share of the first phase's pictures that are seen as the network itself rectifies them (ours)
     at_a_time: int = 0  # pictures whose losses are computed together, since few fit into a CPU's cache; 0: all
     regress_only: bool = False  # the paper's own ablation: no second phase, all photos
 
@@ -72,17 +71,6 @@ def edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
     inner = 1 - F.max_pool2d(F.pad(1 - mask, (1, 1, 1, 1)), 3, stride=1)
     difference = sobel(warped - target) * inner  # Sobel is linear
     return difference.square().sum() / (inner.sum() * difference.shape[1]).clamp(min=1)
-
-
-def literal_edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """The paper's literal edge loss: (E(warped) - mask * E(target))^2, summed, per valid pixel."""
-    difference = sobel(warped) - mask * sobel(target)
-    return difference.square().sum() / (mask.sum() * difference.shape[1]).clamp(min=1)
-
-
-def not_black(warped: Tensor) -> Tensor:
-    """Returns the paper's literal mask [B, 1, H, W]: 0 where all channels are 0, otherwise 1."""
-    return (warped.detach().sum(1, keepdim=True) != 0).to(warped.dtype)
 
 
 def sobel(picture: Tensor) -> Tensor:
@@ -109,22 +97,23 @@ class Kandula2020Config:
 
     size: int = 256  # r: the picture is r x r, with one motion per row
     width: int = 32  # channels of the first convolution; the later ones have 2, 2 and 4, 4, 4 times as many
-    first_kernel: int = 7
     first_stride: int = 1
-    # after all convolutions of the motion block except the base block's last
-    pooling: Literal["max", "mean"] = "max"
+    late_width: int = 0  # channels of the base block's last convolution, a half of the later ones'; 0: 2 w
     hidden: int = 512  # units of the first fully connected layer
     trajectory_degree: int = 3  # of the trajectory module; -1: no module, rows are independent (ablation)
     row_layers: int = 5  # convolutions of the row block; 0: exact inverse instead of a row block (ablation)
     row_width: int = 32  # channels of the row block
     row_input: Literal["picture", "trajectory"] = "picture"  # trajectory: the row block sees the motion, too (ours)
+    kept: int = 0  # first convolutions that, like the row block then, keep the weights with which a run starts (ours)
+    # in inference, a picture is looked at this often, each time as rectified so far, and the motions are added (ours)
+    looks: int = 1
     mirror_average: bool = False  # in inference, the outputs for a picture and its mirror image are averaged (ours)
 
     def __post_init__(self) -> None:
         if self.size % 64:
             raise UsageError(f"[network]: size must be a multiple of 64, got {self.size}")
-        if self.first_stride not in (1, 2) or self.first_kernel % 2 == 0:
-            raise UsageError("[network]: first_stride must be 1 or 2 and first_kernel odd")
+        if self.first_stride not in (1, 2):
+            raise UsageError("[network]: first_stride must be 1 or 2")
         if self.row_layers and self.row_layers < 2:
             raise UsageError("[network]: row_layers must be 0 (exact inverse) or at least 2")
 
@@ -133,7 +122,7 @@ class Kandula2020(nn.Module):
     """Maps RS pictures [B, 3, r, r] in 0 ... 1 to row motion [B, 2, r] (t_x [px], r_z [rad]) and row map [B, r, r].
 
     The row map is None without a row block, or if ``rows`` is False. In inference, ``mirror_average`` averages with the
-    mirror image, whose motion has the opposite sign in the same rows.
+    mirror image, whose motion has the opposite sign in the same rows, and ``looks`` may be more than one.
     """
 
     def __init__(self, config: Kandula2020Config):
@@ -142,24 +131,46 @@ class Kandula2020(nn.Module):
         self.motion_block = MotionBlock(config)
         self.trajectory = Trajectory(config.size, config.trajectory_degree) if config.trajectory_degree >= 0 else None
         self.row_block = RowBlock(config) if config.row_layers else None
+        self._kept = [self.motion_block.base[2 * k] for k in range(config.kept)]
+        if config.kept and self.row_block is not None:
+            self._kept.append(self.row_block)
+        for block in self._kept:
+            block.requires_grad_(False)
+
+    def train(self, mode: bool = True) -> Kandula2020:
+        """Switches between training and use; blocks that are kept are always in use."""
+        super().train(mode)
+        for block in self._kept:
+            block.eval()
+        return self
 
     def forward(self, rs: Tensor, rows: bool = True) -> tuple[Tensor, Tensor | None]:
         """Returns trajectory and row map."""
-        if not self.config.mirror_average or self.training:
-            return self._once(rs, rows)
-        motion, row_map = self._once(torch.cat([rs, rs.flip(-1)]), rows)
-        motion = motion.unflatten(0, (2, -1))
-        if row_map is not None:
-            maps = row_map.unflatten(0, (2, -1))
-            row_map = (maps[0] + maps[1].flip(-1)) / 2
-        return (motion[0] - motion[1]) / 2, row_map
+        mirrored = self.config.mirror_average and not self.training
+        motion = self.one_look(rs, mirrored)
+        for _ in range(1, 1 if self.training else self.config.looks):
+            motion = motion + self.one_look(rectified_so_far(rs, motion), mirrored)
+        if not rows or self.row_block is None:
+            return motion, None
+        if not mirrored:
+            return motion, self.row_block(_scaled(rs), motion.detach())
+        both = self.row_block(_scaled(torch.cat([rs, rs.flip(-1)])), torch.cat([motion, -motion]).detach())
+        maps = both.unflatten(0, (2, -1))
+        return motion, (maps[0] + maps[1].flip(-1)) / 2
 
-    def _once(self, rs: Tensor, rows: bool) -> tuple[Tensor, Tensor | None]:
-        x = (4 * rs - 2).contiguous(memory_format=torch.channels_last)
-        motion = self.motion_block(x)
+    def one_look(self, rs: Tensor, mirrored: bool = False) -> Tensor:
+        """Returns the trajectory that one look shows, or the average with that of the mirror image."""
+        motion = self.motion_block(_scaled(torch.cat([rs, rs.flip(-1)]) if mirrored else rs))
         if self.trajectory is not None:
             motion = self.trajectory(motion)
-        return motion, self.row_block(x, motion.detach()) if rows and self.row_block is not None else None
+        if not mirrored:
+            return motion
+        motion = motion.unflatten(0, (2, -1))
+        return (motion[0] - motion[1]) / 2
+
+
+def _scaled(rs: Tensor) -> Tensor:
+    return (4 * rs - 2).contiguous(memory_format=torch.channels_last)
 
 
 class MotionBlock(nn.Module):
@@ -168,20 +179,21 @@ class MotionBlock(nn.Module):
     def __init__(self, config: Kandula2020Config):
         super().__init__()
         w, last = config.width, config.size // 64
+        late = config.late_width or 2 * w
         shrink = 2 if config.first_stride == 1 else 1
         self.base = nn.Sequential(
-            _layer(3, w, config.first_kernel, config.first_stride),
-            _pool(config, shrink),
+            _layer(3, w, 7, config.first_stride),
+            nn.MaxPool2d(shrink) if shrink > 1 else nn.Identity(),
             _layer(w, 2 * w, 5),
-            _pool(config, 2),
-            _layer(2 * w, 2 * w, 3),
-            _pool(config, 2),
+            nn.MaxPool2d(2),
+            _layer(2 * w, late, 3),
+            nn.MaxPool2d(2),
         )  # an eighth of the size
 
         def branch() -> nn.Module:
-            layers = [_layer(before * w, 4 * w, 3) for before in (2, 4, 4)]
-            pooled = [module for layer in layers for module in (layer, _pool(config, 2))]
-            hidden = nn.Linear(4 * w * last * last, config.hidden)
+            layers = [_layer(before * late, 2 * late, 3) for before in (1, 2, 2)]
+            pooled = [module for layer in layers for module in (layer, nn.MaxPool2d(2))]
+            hidden = nn.Linear(2 * late * last * last, config.hidden)
             return nn.Sequential(*pooled, nn.Flatten(), hidden, nn.ReLU(), nn.Linear(config.hidden, config.size))
 
         self.tx, self.rz = branch(), branch()
@@ -261,6 +273,15 @@ def rectify(rs: Tensor, valid: Tensor, motion: Tensor, row_map: Tensor | None) -
     return values * mask, mask
 
 
+def rectified_so_far(rs: Tensor, motion: Tensor) -> Tensor:
+    """Returns RS pictures [B, 3, r, r] rectified by motions [B, 2, r], black where invalid."""
+    last = motion.shape[-1] - 1
+    row_map = pixel_grid(last + 1, rs)[1] + torch.zeros_like(rs[:, 0])
+    for _ in range(2):  # solves for the row that read each pixel
+        row_map = rs_positions(motion, row_map)[1].clamp(0, last)
+    return sample(rs, *rs_positions(motion, row_map))[0]
+
+
 def regenerate(gs: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
     """Regeneration module: distorts the GS pictures by the estimated motion; returns pictures and mask as above."""
     size = motion.shape[-1]
@@ -272,12 +293,6 @@ def regenerate(gs: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
 def _layer(before: int, after: int, kernel: int, stride: int = 1) -> nn.Sequential:
     convolution = nn.Conv2d(before, after, kernel, stride, kernel // 2, bias=False)
     return nn.Sequential(convolution, nn.BatchNorm2d(after), nn.ReLU(inplace=True))
-
-
-def _pool(config: Kandula2020Config, factor: int) -> nn.Module:
-    if factor == 1:
-        return nn.Identity()
-    return nn.MaxPool2d(factor) if config.pooling == "max" else nn.AvgPool2d(factor)
 
 
 _ROW_STEP = 8  # px between the pixels at which row maps are compared, since the row block's own grid is coarse
@@ -309,21 +324,35 @@ class KandulaRecipe(PixelRecipe):
         losses = picture_losses(samples, motion, row_map, self.weights)
         total = torch.stack([getattr(self.weights, name) * value for name, value in losses.items()]).sum()
         log = {name: value.item() for name, value in losses.items()}
-        return total, log | {"motion": _off(motion_mse, motion.detach(), samples).item()}
+        return total, log | {"motion": _off(motion_mse, motion.detach(), torch.stack(samples.row_motion(), 1)).item()}
 
     def _regression(self, network: nn.Module, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         """Returns the error of the motion and, with ``row_residual``, of the row map."""
         photos = None if self.weights.regress_only else self.weights.regress_photos or None
         samples = self.data.batch(self.config.batch, generator, photos, with_gs=False)
-        motion, row_map = network(samples.rs, rows=self.weights.row_residual > 0)
-        square = _off(motion_mse, motion, samples)
-        error = square if self.weights.regress_norm == "square" else _off(motion_distance, motion, samples)
+        truth = torch.stack(samples.row_motion(), 1)
+        again = round(self.weights.again * self.config.batch)
+        rs = samples.rs
+        if again:
+            rs, truth = self._seen_again(network, rs, truth, again)
+        motion, row_map = network(rs, rows=self.weights.row_residual > 0)
+        square = _off(motion_mse, motion, truth)
+        error = square if self.weights.regress_norm == "square" else _off(motion_distance, motion, truth)
         figures = {"motion": square.item()}
         loss = self.weights.regress * error
         if row_map is None:
             return loss + _idle(network), figures
-        row_error = row_map_error(row_map, samples)
+        row_error = row_map_error(row_map[again:], samples[again:])
         return loss + self.weights.row_residual * row_error, figures | {"row_map": row_error.item()}
+
+    @torch.no_grad()
+    def _seen_again(self, network: nn.Module, rs: Tensor, truth: Tensor, count: int) -> tuple[Tensor, Tensor]:
+        """Returns pictures, the first of them rectified by the network, and the motions still to be found."""
+        network.eval()
+        motion = network.one_look(rs[:count])
+        network.train()
+        rest = truth[:count] - motion
+        return torch.cat([rectified_so_far(rs[:count], motion), rs[count:]]), torch.cat([rest, truth[count:]])
 
     def positions(self, network: nn.Module, samples: Samples) -> Iterator[tuple[Tensor, Tensor]]:
         """Yields those of the whole system, then those of its motion with the exact inverse."""
@@ -372,22 +401,16 @@ def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, con
 
 
 def _losses_of(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
-    literal = config.mask == "black"
-    edges = literal_edge_loss if literal else edge_loss
     losses = {}
     if config.rectified or config.rectified_edges:
         rectified, mask = rectify(samples.rs, samples.rs_valid, motion, row_map)
-        mask = not_black(rectified) if literal else mask
         losses["rectified"] = visible_mse(rectified, samples.gs, mask)
-        losses["rectified_edges"] = edges(rectified, samples.gs, mask)
+        losses["rectified_edges"] = edge_loss(rectified, samples.gs, mask)
     if config.regenerated or config.regenerated_edges:
         regenerated, mask = regenerate(samples.gs, motion)
-        if literal:
-            mask = not_black(regenerated)
-        else:
-            mask, regenerated = mask * samples.rs_valid, regenerated * samples.rs_valid
+        mask, regenerated = mask * samples.rs_valid, regenerated * samples.rs_valid
         losses["regenerated"] = visible_mse(regenerated, samples.rs, mask)
-        losses["regenerated_edges"] = edges(regenerated, samples.rs, mask)
+        losses["regenerated_edges"] = edge_loss(regenerated, samples.rs, mask)
     return {name: value for name, value in losses.items() if getattr(config, name)}
 
 
@@ -399,8 +422,8 @@ def row_map_error(row_map: Tensor, samples: Samples) -> Tensor:
     return (sampled - true).abs().mean() / _ROW_STEP
 
 
-def _off(measure: Callable[..., Tensor], motion: Tensor, samples: Samples) -> Tensor:
-    return measure(motion[:, 0], motion[:, 1], *samples.row_motion())
+def _off(measure: Callable[..., Tensor], motion: Tensor, truth: Tensor) -> Tensor:
+    return measure(motion[:, 0], motion[:, 1], truth[:, 0], truth[:, 1])
 
 
 def _idle(network: nn.Module) -> Tensor:

@@ -84,7 +84,7 @@ def rs_positions(motion: Tensor, row_map: Tensor | None, center_shift: Tensor | 
     """
     size = motion.shape[-1]
     look_up, center = sampled_motion(motion), ((size - 1) / 2 + center_shift, (size - 1) / 2)
-    col, row = (a.expand(len(motion), size, size) for a in pixel_grid(size, motion))
+    col, row = (a.expand(motion.shape[0], size, size) for a in pixel_grid(size, motion))
     if row_map is None:
         return geometry.gs_to_rs(col, row, look_up, center)
     tx, rz, _ = look_up(row_map)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from unshutter.errors import UsageError
 
@@ -66,14 +67,17 @@ _KERNEL_NORM = 3**-0.5  # of each output channel of a new convolution; arbitrary
 
 
 def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
-    """Copies the weights of an exported network where name and shape agree; others are left unchanged.
+    """Copies the weights of an exported network by name; others are left unchanged.
+
+    A network with more channels answers as the exported one does: what they compute has no weight in the answer yet.
 
     Args:
         network: in training mode; modified in place.
         path: path of the ONNX file.
         pictures: [B, 3, r, r] training pictures as the network reads them.
     """
-    weights = {name: torch.tensor(value) for name, value in exported_weights(path).items()}
+    own = network.state_dict()
+    weights = {name: _widened(torch.tensor(value), own.get(name)) for name, value in exported_weights(path).items()}
     fitting = load_fitting(network, weights, path)
     merged, modules = [], dict(network.named_modules())
     for name, norm in modules.items():
@@ -81,8 +85,19 @@ def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
         before = f"{parent}.{int(number) - 1}" if number.isdigit() else ""  # the previous module in a sequence
         convolution = modules.get(before)
         if isinstance(norm, nn.BatchNorm2d) and isinstance(convolution, nn.Conv2d) and f"{before}.weight" in fitting:
-            merged.append(_Merged(convolution, norm, weights[f"{before}.bias"]))
+            bias = weights[f"{before}.bias"]
+            merged.append(_Merged(convolution, norm, F.pad(bias, (0, norm.num_features - len(bias)))))
     _restore(network, merged, pictures)
+
+
+def _widened(given: Tensor, own: Tensor | None) -> Tensor:
+    """Returns a layer's own weights, the first outputs of which are computed from the first inputs as given."""
+    if own is None or given.ndim != own.ndim or any(n > m for n, m in zip(given.shape, own.shape, strict=True)):
+        return given
+    whole = own.clone()
+    whole[: len(given)] = 0
+    whole[tuple(map(slice, given.shape))] = given
+    return whole
 
 
 def exported_weights(path: Path) -> dict[str, np.ndarray]:
@@ -99,7 +114,7 @@ def exported_weights(path: Path) -> dict[str, np.ndarray]:
     weights: dict[str, np.ndarray] = {}
     for node in graph.node:
         operands = [known.get(name) for name in node.input]
-        if node.op_type == "Cast" and operands[0] is not None:
+        if node.op_type in ("Cast", "Identity") and operands[0] is not None:
             known[node.output[0]] = operands[0].astype(np.float32)
         elif node.op_type == "DequantizeLinear" and operands[0] is not None and operands[1] is not None:
             scale = operands[1].reshape(-1, *[1] * (operands[0].ndim - 1))
