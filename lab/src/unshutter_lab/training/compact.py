@@ -101,7 +101,8 @@ def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None
     ] = {}  # weights of a wide layer, which may be in use several times -> those of its pair
     for name, bias in dict.fromkeys((node.input[1], node.input[2]) for node in wide):
         seen = np.concatenate([outputs[node.output[0]] for node in wide if node.input[1] == name])
-        parts = _narrowed(*(numpy_helper.to_array(known.pop(each)) for each in (name, bias)), seen, rank)
+        given = numpy_helper.to_array(known.pop(name)), numpy_helper.to_array(known.pop(bias))
+        parts = _narrowed(*given, seen, rank)
         narrowed[name] = [f"{name}.{part}" for part in ("projected", "directions", "bias")]
         known |= {each: numpy_helper.from_array(part, each) for each, part in zip(narrowed[name], parts, strict=True)}
     nodes = []

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 from torch import Tensor, nn
@@ -349,7 +349,7 @@ class KandulaRecipe(PixelRecipe):
     def _seen_again(self, network: nn.Module, rs: Tensor, truth: Tensor, count: int) -> tuple[Tensor, Tensor]:
         """Returns pictures, the first of them rectified by the network, and the motions still to be found."""
         network.eval()
-        motion = network.one_look(rs[:count])
+        motion = cast(Kandula2020, network).one_look(rs[:count])
         network.train()
         rest = truth[:count] - motion
         return torch.cat([rectified_so_far(rs[:count], motion), rs[count:]]), torch.cat([rest, truth[count:]])
