@@ -96,9 +96,7 @@ def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None
         if node.op_type == "Gemm" and node.input[1] in known and min(known[node.input[1]].dims) >= 4 * rank
     ]
     outputs = _outputs_of(wide, model, pictures)
-    narrowed: dict[
-        str, list[str]
-    ] = {}  # weights of a wide layer, which may be in use several times -> those of its pair
+    narrowed: dict[str, list[str]] = {}  # weights of a wide layer, which nodes may share -> those of its pair
     for name, bias in dict.fromkeys((node.input[1], node.input[2]) for node in wide):
         seen = np.concatenate([outputs[node.output[0]] for node in wide if node.input[1] == name])
         given = numpy_helper.to_array(known.pop(name)), numpy_helper.to_array(known.pop(bias))
