@@ -94,14 +94,22 @@ def test_the_mirror_average_answers_to_mirror_images_alike():
     torch.testing.assert_close(motion, (first - second) / 2)
 
 
-def test_a_second_look_sees_the_rectified_picture_and_adds_what_it_finds():
-    torch.manual_seed(0)
+def test_a_second_look_sees_the_rectified_picture_and_counts_where_it_finds_less():
     network = Kandula2020(Kandula2020Config(**NETWORK, looks=2)).eval()
-    rs = torch.rand(2, 3, 64, 64)
+    rs, first = torch.rand(2, 3, 64, 64), small_motion()
+    more = first * torch.tensor([0.4, 0.6])[:, None, None]
+    seen = []
+
+    def one_look(pictures, mirrored=False):
+        seen.append(pictures)
+        return more if len(seen) == 2 else first
+
+    network.one_look = one_look
     with torch.no_grad():
-        first = network.one_look(rs)
-        again = network.one_look(rectified_so_far(rs, first))
-        torch.testing.assert_close(network(rs)[0], first + again)
+        motion = network(rs)[0]
+    torch.testing.assert_close(motion[0], first[0] + more[0])
+    torch.testing.assert_close(motion[1], first[1])  # neither can be trusted: the smaller one stands
+    torch.testing.assert_close(seen[1], rectified_so_far(rs, first))
 
 
 def test_trajectory_is_the_least_squares_cubic():

@@ -32,7 +32,7 @@ from unshutter.errors import UsageError
 from unshutter.motion import geometry
 from unshutter_lab.training.config import TrainConfig, from_table
 from unshutter_lab.training.pixels import Samples, from_first_row, pixel_grid, rs_positions, sample
-from unshutter_lab.training.recipes import PixelRecipe, motion_distance, motion_mse
+from unshutter_lab.training.recipes import PixelRecipe, motion_distance, motion_mse, motion_size
 from unshutter_lab.training.weights import export_onnx
 
 
@@ -105,7 +105,7 @@ class Kandula2020Config:
     row_width: int = 32  # channels of the row block
     row_input: Literal["picture", "trajectory"] = "picture"  # trajectory: the row block sees the motion, too (ours)
     kept: int = 0  # first convolutions that, like the row block then, keep the weights with which a run starts (ours)
-    # in inference, a picture is looked at this often, each time as rectified so far, and the motions are added (ours)
+    # in inference, a picture is looked at this often, each time as rectified so far; the motions are added (ours)
     looks: int = 1
     mirror_average: bool = False  # in inference, the outputs for a picture and its mirror image are averaged (ours)
 
@@ -149,7 +149,8 @@ class Kandula2020(nn.Module):
         mirrored = self.config.mirror_average and not self.training
         motion = self.one_look(rs, mirrored)
         for _ in range(1, 1 if self.training else self.config.looks):
-            motion = motion + self.one_look(rectified_so_far(rs, motion), mirrored)
+            more = self.one_look(rectified_so_far(rs, motion), mirrored)
+            motion = motion + more * (motion_size(more) < _LARGEST_CHANGE * motion_size(motion))[:, None, None]
         if not rows or self.row_block is None:
             return motion, None
         if not mirrored:
@@ -167,6 +168,11 @@ class Kandula2020(nn.Module):
             return motion
         motion = motion.unflatten(0, (2, -1))
         return (motion[0] - motion[1]) / 2
+
+
+# A further look at what is nearly right finds little; where it finds more than this share of the motion so far, neither
+# answer can be trusted, and the smaller one, which is the first, stands.
+_LARGEST_CHANGE = 0.5
 
 
 def _scaled(rs: Tensor) -> Tensor:

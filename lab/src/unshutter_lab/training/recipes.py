@@ -38,6 +38,11 @@ def motion_distance(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) ->
     return (squared + 1e-8).sqrt().mean()
 
 
+def motion_size(motion: Tensor) -> Tensor:
+    """Returns the root mean square over rows of (t_x / 100 px, r_z / 1 rad) of motions [B, 2, rows], [B]."""
+    return ((motion[:, 0] / TX_UNIT).square() + motion[:, 1].square()).mean(1).sqrt()
+
+
 def epe(col: Tensor, row: Tensor, samples: Samples) -> Tensor:
     """[B] mean distance [px] of estimated RS positions [B, r, r] from the true ones.
 
