@@ -108,7 +108,7 @@ def test_a_second_look_sees_the_rectified_picture_and_counts_where_it_finds_less
     with torch.no_grad():
         motion = network(rs)[0]
     torch.testing.assert_close(motion[0], first[0] + more[0])
-    torch.testing.assert_close(motion[1], first[1])  # neither can be trusted: the smaller one stands
+    torch.testing.assert_close(motion[1], first[1])  # 0.6 of the first is too much
     torch.testing.assert_close(seen[1], rectified_so_far(rs, first))
 
 

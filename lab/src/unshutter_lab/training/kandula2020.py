@@ -105,7 +105,7 @@ class Kandula2020Config:
     row_width: int = 32  # channels of the row block
     row_input: Literal["picture", "trajectory"] = "picture"  # trajectory: the row block sees the motion, too (ours)
     kept: int = 0  # first convolutions that, like the row block then, keep the weights with which a run starts (ours)
-    # in inference, a picture is looked at this often, each time as rectified so far; the motions are added (ours)
+    # in inference, a picture is looked at this often, each time as rectified so far; small motions are added (ours)
     looks: int = 1
     mirror_average: bool = False  # in inference, the outputs for a picture and its mirror image are averaged (ours)
 
@@ -171,7 +171,7 @@ class Kandula2020(nn.Module):
 
 
 # A further look at what is nearly right finds little; where it finds more than this share of the motion so far, neither
-# answer can be trusted, and the smaller one, which is the first, stands.
+# answer can be trusted, and nothing is added.
 _LARGEST_CHANGE = 0.5
 
 

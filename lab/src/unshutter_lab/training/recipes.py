@@ -26,7 +26,7 @@ _START_PICTURES, _START_SEED = 128, 2**40  # for the input statistics of an expo
 
 def motion_mse(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tensor:
     """MSE of (t_x / 100 px, r_z / 1 rad) over rows and batch, each [B, rows]."""
-    return 0.5 * (((tx - true_tx) / TX_UNIT).square().mean() + (rz - true_rz).square().mean())
+    return 0.5 * _squared(tx - true_tx, rz - true_rz).mean()
 
 
 def motion_distance(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tensor:
@@ -34,13 +34,16 @@ def motion_distance(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) ->
 
     Smoothed at about a hundredth of a pixel, so that its gradient is continuous at zero.
     """
-    squared = ((tx - true_tx) / TX_UNIT).square() + (rz - true_rz).square()
-    return (squared + 1e-8).sqrt().mean()
+    return (_squared(tx - true_tx, rz - true_rz) + 1e-8).sqrt().mean()
 
 
 def motion_size(motion: Tensor) -> Tensor:
     """Returns the root mean square over rows of (t_x / 100 px, r_z / 1 rad) of motions [B, 2, rows], [B]."""
-    return ((motion[:, 0] / TX_UNIT).square() + motion[:, 1].square()).mean(1).sqrt()
+    return _squared(motion[:, 0], motion[:, 1]).mean(1).sqrt()
+
+
+def _squared(tx: Tensor, rz: Tensor) -> Tensor:
+    return (tx / TX_UNIT).square() + rz.square()
 
 
 def epe(col: Tensor, row: Tensor, samples: Samples) -> Tensor:
