@@ -25,7 +25,7 @@ LAB := -e './lab[calibrate,video]' onnx
 endif
 PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: demo paper test test-newest test-lowest fuzz lint prose types docs layers bench results release-check clean dev dev-newest
+.PHONY: demo paper test test-newest test-lowest fuzz lint prose types docs layers script bench results release-check clean dev dev-newest
 
 demo: $(NEWEST)/core  ## rectify the photo that the repository ships, with what users get from pip
 	$(NEWEST)/bin/unshutter rectify src/unshutter/page/web/sample.jpg -o examples/demo.rectified.jpg --overwrite
@@ -66,6 +66,9 @@ docs: $(ENV)/dev  ## fails on a broken link
 
 layers: $(ENV)/dev  ## fails where a room imports one that it should not know
 	$(BIN)/lint-imports --no-cache --no-logo
+
+script:  ## lint, format and types of the page's script; needs npm, of which nothing is shipped
+	.ci/script/check
 
 bench: $(ENV)/dev
 	$(BIN)/python benchmarks/bench_rectify.py

@@ -154,7 +154,9 @@ export class Clip extends Opened {
     if (smalls === this.#drawing) return;
     this.#drawing = smalls;
     for (const moment of this.facts.moments_s.keys()) {
-      const blob = await this.#ask("before", { moment, longest: SMALL }).then((answer) => answer.blob()).catch(() => null);
+      const blob = await this.#ask("before", { moment, longest: SMALL })
+        .then((answer) => answer.blob())
+        .catch(() => null);
       if (!blob || smalls !== this.smalls) return;
       smalls[moment] = blob;
       this.tell();

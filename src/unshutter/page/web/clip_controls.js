@@ -20,20 +20,41 @@ export class ClipControls {
     this.toAll = button("clipToAll", () => on.toAll());
     const set = (name, value) => this.#set(name, value);
     const usual = (name) => control("clip", name, `clip-${name}`, set, words.choices[`clip-${name}`]);
-    this.strength = strength("clip-strength", about("clip", "strength"), (value, dragged) => !dragged && set("strength", value));
+    this.strength = strength(
+      "clip-strength",
+      about("clip", "strength"),
+      (value, dragged) => !dragged && set("strength", value),
+    );
     this.edges = usual("edges");
     this.reference = reference("clip-reference", about("clip", "reference"), (value) => set("reference", value));
     this.part = ["start", "end"].map((name) => usual(name));
-    this.onlySaved = Object.fromEntries(Object.entries(words.clipOnlySaved).map(([name, said]) => [name, make("p", { class: "quiet" }, said)]));
+    this.onlySaved = Object.fromEntries(
+      Object.entries(words.clipOnlySaved).map(([name, said]) => [name, make("p", { class: "quiet" }, said)]),
+    );
     const advanced = others("clip", PLACED, null, "clip-option-", set);
     this.shown = [this.strength, this.edges, this.reference, ...this.part, ...advanced];
     panel.replaceChildren(
-      make("h2", {}, words.done), this.said, make("div", { class: "row actions" }, this.save, this.whyNot),
-      make("h2", {}, words.settings), ...this.strength.nodes, this.#readout(), this.edges.node,
+      make("h2", {}, words.done),
+      this.said,
+      make("div", { class: "row actions" }, this.save, this.whyNot),
+      make("h2", {}, words.settings),
+      ...this.strength.nodes,
+      this.#readout(),
+      this.edges.node,
       make("fieldset", {}, make("legend", {}, words.partOf), ...this.part.map(({ node }) => node)),
-      make("details", { class: "section" }, make("summary", {}, words.advanced), this.reference.node,
-        ...advanced.flatMap(({ node, field }) => [node, this.onlySaved[field.id.replace("clip-option-", "")] ?? ""])),
-      make("div", { class: "row" }, this.toAll, button("reset", () => this.#reset(), "", "clip")),
+      make(
+        "details",
+        { class: "section" },
+        make("summary", {}, words.advanced),
+        this.reference.node,
+        ...advanced.flatMap(({ node, field }) => [node, this.onlySaved[field.id.replace("clip-option-", "")] ?? ""]),
+      ),
+      make(
+        "div",
+        { class: "row" },
+        this.toAll,
+        button("reset", () => this.#reset(), "", "clip"),
+      ),
       keys(words.clipKeyList),
     );
   }
@@ -57,12 +78,19 @@ export class ClipControls {
     Object.assign(this.value.field, { max: "", ...LIMITS[unit] });
     if (document.activeElement !== this.value.field) this.value.field.value = options[UNITS[unit]] ?? "";
     this.camera.show(options);
-    this.readoutSource.textContent = { motion: () => words.readoutEstimated(readout),
-      "table of cameras": () => words.readoutListed(readout), "usual value": () => words.readoutListed(readout),
-      "the clip's file": () => words.readoutInFile(readout.ms) }[readout?.found_by]?.() ?? "";
+    this.readoutSource.textContent =
+      {
+        motion: () => words.readoutEstimated(readout),
+        "table of cameras": () => words.readoutListed(readout),
+        "usual value": () => words.readoutListed(readout),
+        "the clip's file": () => words.readoutInFile(readout.ms),
+      }[readout?.found_by]?.() ?? "";
     this.save.disabled = asking || state === "failed" || !clip.facts || !readout;
     this.whyNot.hidden = !this.save.disabled || state === "failed";
-    refill(this.said, sentences(clip).map((line) => make("p", {}, line)));
+    refill(
+      this.said,
+      sentences(clip).map((line) => make("p", {}, line)),
+    );
   }
 
   #readout() {
@@ -75,11 +103,20 @@ export class ClipControls {
       else if (known || !field.value) field.focus();
     });
     this.valueSaid = make("span", {});
-    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, (value) => this.#set(UNITS[this.unit.field.value], value));
+    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, (value) =>
+      this.#set(UNITS[this.unit.field.value], value),
+    );
     this.camera = control("clip", "camera", "clip-camera", (name, value) => this.#set(name, value));
     this.readoutSource = make("p", { class: "quiet", role: "status" });
-    return make("div", {}, this.unit.node, this.value.node, this.camera.node, this.readoutSource,
-      make("p", { class: "quiet" }, words.readoutTimeHelp));
+    return make(
+      "div",
+      {},
+      this.unit.node,
+      this.value.node,
+      this.camera.node,
+      this.readoutSource,
+      make("p", { class: "quiet" }, words.readoutTimeHelp),
+    );
   }
 
   #set(name, value) {

@@ -12,7 +12,18 @@ const ALONE = ["strength", "upright", "moving", "anyway", "roll-deg", "tilt-deg"
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
 const ABOUT_CAMERA = ["roll-deg", "tilt-deg"];
 const OWN = [...ABOUT_CAMERA, "exposure-s", "candidate", "start", "end"]; // true of one photo or clip alone
-const PLACED = [...ABOUT_CAMERA, "strength", "upright", "edges", "format", "reference", "moving", "min-confidence", "readout", "candidate"];
+const PLACED = [
+  ...ABOUT_CAMERA,
+  "strength",
+  "upright",
+  "edges",
+  "format",
+  "reference",
+  "moving",
+  "min-confidence",
+  "readout",
+  "candidate",
+];
 const ELSEWHERE = ["neighbours", "clock", "byhand"]; // groups of options that have a section of their own
 
 export class Controls {
@@ -33,14 +44,33 @@ export class Controls {
     this.toAll = button("toAll", () => on.toAll());
     this.linesShown = button("linesFound", () => on.lines());
     panel.replaceChildren(
-      make("h2", {}, words.done), this.said,
+      make("h2", {}, words.done),
+      this.said,
       make("div", { class: "row actions" }, this.save, this.whyNot),
-      make("h2", {}, words.settings), ...this.#undoing(), this.#control("edges"), this.#control("format"),
-      this.hand.node, this.neighbours.node,
-      make("details", { class: "section", id: "advanced" }, make("summary", {}, words.advanced), this.reference.node, ...this.#camera(), ...this.#attitude(),
+      make("h2", {}, words.settings),
+      ...this.#undoing(),
+      this.#control("edges"),
+      this.#control("format"),
+      this.hand.node,
+      this.neighbours.node,
+      make(
+        "details",
+        { class: "section", id: "advanced" },
+        make("summary", {}, words.advanced),
+        this.reference.node,
+        ...this.#camera(),
+        ...this.#attitude(),
         ...this.#others(),
-        make("h3", {}, words.curves), this.motion, make("div", { class: "row" }, this.saveMotion, this.linesShown)),
-      make("div", { class: "row" }, this.toAll, button("reset", () => this.#reset())),
+        make("h3", {}, words.curves),
+        this.motion,
+        make("div", { class: "row" }, this.saveMotion, this.linesShown),
+      ),
+      make(
+        "div",
+        { class: "row" },
+        this.toAll,
+        button("reset", () => this.#reset()),
+      ),
       keys(words.keyList),
     );
   }
@@ -97,17 +127,38 @@ export class Controls {
       this.#set("readout", name ?? "");
     };
     this.readouts = ["auto", ...Object.keys(ARROWS)].map((value) =>
-      make("input", { type: "radio", name: "readout", value, onchange: () => pick(value) }));
-    const drawn = this.readouts.map((radio) => make("label", { class: "arrow", title: words.readoutOf[radio.value] }, radio,
-      make("span", { class: `sensor ${radio.value}`, "aria-hidden": "true" }, ARROWS[radio.value] ?? "?"),
-      make("span", { class: "away" }, words.readoutOf[radio.value])));
-    return [make("fieldset", {}, make("legend", {}, words.readout), make("div", { class: "row" }, ...drawn),
-      make("p", { class: "quiet" }, words.readoutHelp))];
+      make("input", { type: "radio", name: "readout", value, onchange: () => pick(value) }),
+    );
+    const drawn = this.readouts.map((radio) =>
+      make(
+        "label",
+        { class: "arrow", title: words.readoutOf[radio.value] },
+        radio,
+        make("span", { class: `sensor ${radio.value}`, "aria-hidden": "true" }, ARROWS[radio.value] ?? "?"),
+        make("span", { class: "away" }, words.readoutOf[radio.value]),
+      ),
+    );
+    return [
+      make(
+        "fieldset",
+        {},
+        make("legend", {}, words.readout),
+        make("div", { class: "row" }, ...drawn),
+        make("p", { class: "quiet" }, words.readoutHelp),
+      ),
+    ];
   }
 
   #attitude() {
-    return [make("fieldset", {}, make("legend", {}, words.attitude),
-      make("p", { class: "quiet" }, words.attitudeHelp), ...ABOUT_CAMERA.map((name) => this.#control(name)))];
+    return [
+      make(
+        "fieldset",
+        {},
+        make("legend", {}, words.attitude),
+        make("p", { class: "quiet" }, words.attitudeHelp),
+        ...ABOUT_CAMERA.map((name) => this.#control(name)),
+      ),
+    ];
   }
 
   // Options that no other part of the panel asks for.
@@ -158,7 +209,14 @@ function sentences(photo) {
   const said = [];
   if (result.changed) {
     if (result.upright) said.push(words.turnedUpright(result.upright));
-    if (!result.code) said.push(result.neighbours ? words.moment(result.largest_px) : photo.byHand ? words.movedByHand(result.largest_px) : words.moved(result.largest_px));
+    if (!result.code)
+      said.push(
+        result.neighbours
+          ? words.moment(result.largest_px)
+          : photo.byHand
+            ? words.movedByHand(result.largest_px)
+            : words.moved(result.largest_px),
+      );
     if (result.edges === "crop" && result.whole < 1) said.push(words.edgesCrop(result.whole));
     if (result.edges === "keep") said.push(words.edgesKeep(result.whole));
     if (result.edges === "borrow") said.push(words.edgesBorrow);
@@ -171,6 +229,13 @@ function sentences(photo) {
   const nodes = said.map((line) => make("p", {}, line));
   const sure = result.changed && !result.code && !photo.byHand ? result.certainty : "";
   if (sure === "unsure") nodes.push(make("p", { class: "quiet" }, words.unsureHelp));
-  if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sureAtLength[sure]));
+  if (sure)
+    nodes.unshift(
+      make(
+        "p",
+        { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) },
+        words.sureAtLength[sure],
+      ),
+    );
   return nodes;
 }

@@ -10,7 +10,8 @@ export function curves(result) {
   for (const [name, values, unit] of [
     [words.curveTx, result.tx_px, 1],
     [words.curveRz, result.rz_deg, 2],
-  ]) figure.append(curve(name, values, unit));
+  ])
+    figure.append(curve(name, values, unit));
   figure.append(make("figcaption", {}, words.curvesHelp));
   return figure;
 }
@@ -21,12 +22,29 @@ function curve(name, values, digits) {
     (WIDTH / 2) * (1 + (value / most) * (1 - (2 * PAD) / WIDTH)),
     PAD + ((HEIGHT - 2 * PAD) * index) / (values.length - 1),
   ];
-  const points = values.map((value, index) => at(value, index).map((x) => x.toFixed(1)).join(",")).join(" ");
+  const points = values
+    .map((value, index) =>
+      at(value, index)
+        .map((x) => x.toFixed(1))
+        .join(","),
+    )
+    .join(" ");
   const said = `${name}: ${values[0].toFixed(digits)} … ${values[values.length - 1].toFixed(digits)}`;
-  return make("div", {},
+  return make(
+    "div",
+    {},
     make("span", {}, name),
-    draw("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": said },
+    draw(
+      "svg",
+      { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": said },
       draw("line", { class: "zero", x1: WIDTH / 2, x2: WIDTH / 2, y1: 0, y2: HEIGHT }),
-      draw("polyline", { points })),
-    make("span", { class: "scale" }, make("span", {}, `−${most.toFixed(digits)}`), make("span", {}, most.toFixed(digits))));
+      draw("polyline", { points }),
+    ),
+    make(
+      "span",
+      { class: "scale" },
+      make("span", {}, `−${most.toFixed(digits)}`),
+      make("span", {}, most.toFixed(digits)),
+    ),
+  );
 }

@@ -11,7 +11,8 @@ const readable = (name) => `${name[0].toUpperCase()}${name.slice(1).replaceAll("
 export const about = (kind, name) => OPTIONS[kind][name];
 
 // The names of the options that belong to some groups.
-export const ofGroups = (kind, groups) => Object.keys(OPTIONS[kind]).filter((name) => groups.includes(OPTIONS[kind][name].group));
+export const ofGroups = (kind, groups) =>
+  Object.keys(OPTIONS[kind]).filter((name) => groups.includes(OPTIONS[kind][name].group));
 
 // A control for an option; changed(name, text) hears "" for its default; show(options) brings it up to date.
 export function control(kind, name, id, changed, said = words.choices[name]) {
@@ -37,11 +38,18 @@ function widget(schema, id, label, set, said = {}) {
   }
   if (!schema.enum) return text(id, label, schema.examples, set);
   const values = schema.default === undefined ? ["", ...schema.enum] : schema.enum;
-  return select(id, label, Object.fromEntries(values.map((value) => [value, said[value] ?? (value || words.usual)])), set);
+  return select(
+    id,
+    label,
+    Object.fromEntries(values.map((value) => [value, said[value] ?? (value || words.usual)])),
+    set,
+  );
 }
 
 // Controls for the options of some groups that have no place of their own on the panel; groups: null: of any.
 export function others(kind, placed, groups, prefix, changed) {
-  const names = Object.keys(OPTIONS[kind]).filter((name) => !placed.includes(name) && (!groups || groups.includes(about(kind, name).group)));
+  const names = Object.keys(OPTIONS[kind]).filter(
+    (name) => !placed.includes(name) && (!groups || groups.includes(about(kind, name).group)),
+  );
   return names.map((name) => control(kind, name, `${prefix}${name}`, changed));
 }

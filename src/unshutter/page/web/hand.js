@@ -17,8 +17,12 @@ const PULLS = {
   turn: { option: "turn-deg", start: "turn_deg", pulled: (turn, share) => turn + degrees(share) },
 };
 const STEP = 0.1; // of all of them
-const ACROSS = { // readout -> what is to the right, where that is turned downwards
-  "top-to-bottom": "left-to-right", "bottom-to-top": "right-to-left", "left-to-right": "bottom-to-top", "right-to-left": "top-to-bottom",
+const ACROSS = {
+  // readout -> what is to the right, where that is turned downwards
+  "top-to-bottom": "left-to-right",
+  "bottom-to-top": "right-to-left",
+  "left-to-right": "bottom-to-top",
+  "right-to-left": "top-to-bottom",
 };
 const VECTORS = { down: [0, 1], up: [0, -1], right: [1, 0], left: [-1, 0] };
 const ORIGINS = { first: 0, middle: 0.5, last: 1 }; // reference row -> place along the readout
@@ -33,17 +37,39 @@ export class ByHand {
     this.stage = lines.stage;
     this.on = on;
     this.photo = null;
-    this.tools = Object.fromEntries([...Object.keys(PULLS), ...KINDS].map((name) => [name, make("button", { type: "button", id: `tool-${name}`,
-      class: `tool ${name}`, "aria-pressed": "false", title: words.toolHelp[name], onclick: (event) => this.#pick(name, event.detail === 0) }, words.tool[name])]));
+    this.tools = Object.fromEntries(
+      [...Object.keys(PULLS), ...KINDS].map((name) => [
+        name,
+        make(
+          "button",
+          {
+            type: "button",
+            id: `tool-${name}`,
+            class: `tool ${name}`,
+            "aria-pressed": "false",
+            title: words.toolHelp[name],
+            onclick: (event) => this.#pick(name, event.detail === 0),
+          },
+          words.tool[name],
+        ),
+      ]),
+    );
     this.list = make("ul", { class: "lines-list" });
     this.numbers = Object.keys(PULLS).map((name) => this.#number(name));
     this.reset = button("resetHand", () => this.#reset());
     this.undo = button("undoHand", () => on.undo());
     this.reset.title = words.resetHandHelp;
     this.undo.title = words.undoHandHelp;
-    this.node = make("details", { class: "section", id: "by-hand" }, make("summary", {}, words.byHand),
-      make("p", { class: "quiet" }, words.byHandHelp), ...this.numbers.map(({ node }) => node),
-      make("div", { class: "row" }, ...KINDS.map((kind) => this.tools[kind])), this.list, make("div", { class: "row" }, this.undo, this.reset));
+    this.node = make(
+      "details",
+      { class: "section", id: "by-hand" },
+      make("summary", {}, words.byHand),
+      make("p", { class: "quiet" }, words.byHandHelp),
+      ...this.numbers.map(({ node }) => node),
+      make("div", { class: "row" }, ...KINDS.map((kind) => this.tools[kind])),
+      this.list,
+      make("div", { class: "row" }, this.undo, this.reset),
+    );
     this.node.addEventListener("toggle", () => !this.node.open && this.#pick(null));
   }
 
@@ -53,12 +79,28 @@ export class ByHand {
     const troubles = photo.lineTroubles;
     this.lines.show(photo.lines, troubles);
     const numbers = {};
-    refill(this.list, photo.lines.map(({ kind }, k) => {
-      numbers[kind] = (numbers[kind] ?? 0) + 1;
-      const trouble = troubles[k] ? [make("span", { class: "wrong" }, words.lineTrouble[troubles[k]])] : [];
-      return make("li", { class: kind }, `${words.lineOf[kind]} ${numbers[kind]}`, ...trouble, make("button", { type: "button",
-        "aria-label": words.lineRemove(words.lineOf[kind], numbers[kind]), onclick: () => this.lines.remove(k) }, "×"));
-    }));
+    refill(
+      this.list,
+      photo.lines.map(({ kind }, k) => {
+        numbers[kind] = (numbers[kind] ?? 0) + 1;
+        const trouble = troubles[k] ? [make("span", { class: "wrong" }, words.lineTrouble[troubles[k]])] : [];
+        return make(
+          "li",
+          { class: kind },
+          `${words.lineOf[kind]} ${numbers[kind]}`,
+          ...trouble,
+          make(
+            "button",
+            {
+              type: "button",
+              "aria-label": words.lineRemove(words.lineOf[kind], numbers[kind]),
+              onclick: () => this.lines.remove(k),
+            },
+            "×",
+          ),
+        );
+      }),
+    );
     for (const { show } of this.numbers) show();
     this.#shear();
     this.reset.disabled = !photo.byHand;
@@ -112,7 +154,10 @@ export class ByHand {
 
   // Directions in the picture: along the readout, and across it, as arrows and vectors.
   get #axes() {
-    const { facts: { arrows }, result: { readout } } = this.photo;
+    const {
+      facts: { arrows },
+      result: { readout },
+    } = this.photo;
     return { along: VECTORS[arrows[readout]], across: VECTORS[arrows[ACROSS[readout]]] };
   }
 
@@ -126,24 +171,34 @@ export class ByHand {
     const late = (at[0] - 0.5) * along[0] + (at[1] - 0.5) * along[1] > 0;
     const began = Number(this.#value(name));
     let share = 0;
-    this.stage.drag(event, (dx, dy) => {
-      share += (dx * across[0] + dy * across[1]) / rows;
-      this.#set(name, PULLS[name].pulled(began, name === "bend" || !late ? share : -share));
-      for (const { show } of this.numbers) show();
-      if (name === "lean") this.#shear();
-      else this.on.draft();
-    }, () => share && this.on.change());
+    this.stage.drag(
+      event,
+      (dx, dy) => {
+        share += (dx * across[0] + dy * across[1]) / rows;
+        this.#set(name, PULLS[name].pulled(began, name === "bend" || !late ? share : -share));
+        for (const { show } of this.numbers) show();
+        if (name === "lean") this.#shear();
+        else this.on.draft();
+      },
+      () => share && this.on.change(),
+    );
     return true;
   }
 
   // Shows at once how the picture leans, from the one that is shown: the true one comes a little later.
   #shear() {
     const { result, facts, options } = this.photo;
-    const more = this.tool === "lean" && result?.shape && facts ? slope(this.#value("lean")) - slope(result.shape.lean_deg) : 0;
+    const more =
+      this.tool === "lean" && result?.shape && facts ? slope(this.#value("lean")) - slope(result.shape.lean_deg) : 0;
     if (Math.abs(more) < 1e-4) return this.stage.shear(null);
     const { along, across } = this.#axes;
     const by = -more * (options.strength ?? 1);
-    const matrix = [1 + by * across[0] * along[0], by * across[1] * along[0], by * across[0] * along[1], 1 + by * across[1] * along[1]];
+    const matrix = [
+      1 + by * across[0] * along[0],
+      by * across[1] * along[0],
+      by * across[0] * along[1],
+      1 + by * across[1] * along[1],
+    ];
     const from = along.map((part) => `${50 + 100 * part * (ORIGINS[options.reference ?? "first"] - 0.5)}%`);
     this.stage.shear(matrix, from.join(" "));
   }
@@ -151,7 +206,15 @@ export class ByHand {
   // The button of a tool, and the number that it changes.
   #number(name) {
     const { minimum: min, maximum: max, description: title } = about("photo", PULLS[name].option);
-    const field = make("input", { type: "number", id: `${name}-number`, min, max, step: STEP, title, "aria-label": words.tool[name] });
+    const field = make("input", {
+      type: "number",
+      id: `${name}-number`,
+      min,
+      max,
+      step: STEP,
+      title,
+      "aria-label": words.tool[name],
+    });
     field.addEventListener("change", () => {
       if (field.value === "" || !field.checkValidity()) return;
       this.#set(name, field.value);

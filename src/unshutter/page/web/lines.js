@@ -54,7 +54,21 @@ export class Lines {
 
   // A line in the middle, to be moved by its ends: for those who use the keyboard.
   add(kind) {
-    const points = { upright: [[0.5, 0.25], [0.5, 0.75]], level: [[0.25, 0.5], [0.75, 0.5]], straight: [[0.5, 0.25], [0.5, 0.5], [0.5, 0.75]] };
+    const points = {
+      upright: [
+        [0.5, 0.25],
+        [0.5, 0.75],
+      ],
+      level: [
+        [0.25, 0.5],
+        [0.75, 0.5],
+      ],
+      straight: [
+        [0.5, 0.25],
+        [0.5, 0.5],
+        [0.5, 0.75],
+      ],
+    };
     this.#list.push({ kind, points: points[kind] });
     this.#draw();
     this.handles.querySelector(`[data-line="${this.#list.length - 1}"]`).focus();
@@ -71,21 +85,25 @@ export class Lines {
     const start = this.stage.shares(event);
     if (start.some((share) => share < 0 || share > 1)) return false;
     const line = { kind: this.#kind, points: [start, start] };
-    this.stage.drag(event, (dx, dy, at) => {
-      line.points = [start, this.stage.shares(at).map(clipped)];
-      this.#draw(line);
-      this.#magnify(line.points[1]);
-    }, (at) => {
-      this.#magnify(null);
-      const [[x1, y1], [x2, y2]] = line.points;
-      if (at.type === "pointerup" && Math.hypot(x2 - x1, y2 - y1) > SHORTEST) {
-        line.points = this.#snapped(line.points);
-        if (line.kind === "straight") line.points.splice(1, 0, middle(line.points));
-        this.#list.push(line);
-        this.changed();
-      }
-      this.#draw();
-    });
+    this.stage.drag(
+      event,
+      (_dx, _dy, at) => {
+        line.points = [start, this.stage.shares(at).map(clipped)];
+        this.#draw(line);
+        this.#magnify(line.points[1]);
+      },
+      (at) => {
+        this.#magnify(null);
+        const [[x1, y1], [x2, y2]] = line.points;
+        if (at.type === "pointerup" && Math.hypot(x2 - x1, y2 - y1) > SHORTEST) {
+          line.points = this.#snapped(line.points);
+          if (line.kind === "straight") line.points.splice(1, 0, middle(line.points));
+          this.#list.push(line);
+          this.changed();
+        }
+        this.#draw();
+      },
+    );
     return true;
   }
 
@@ -96,8 +114,13 @@ export class Lines {
     const { frame, images } = this.stage;
     const [[x, y], side] = [this.#px(point), this.loupe.offsetWidth];
     const [width, height] = [frame.offsetWidth * LARGER, frame.offsetHeight * LARGER];
-    Object.assign(this.loupe.style, { left: `${x}px`, top: `${y}px`, backgroundImage: `url(${images.before.src})`,
-      backgroundSize: `${width}px ${height}px`, backgroundPosition: `${side / 2 - x * LARGER}px ${side / 2 - y * LARGER}px` });
+    Object.assign(this.loupe.style, {
+      left: `${x}px`,
+      top: `${y}px`,
+      backgroundImage: `url(${images.before.src})`,
+      backgroundSize: `${width}px ${height}px`,
+      backgroundPosition: `${side / 2 - x * LARGER}px ${side / 2 - y * LARGER}px`,
+    });
     this.loupe.classList.toggle("below", y + frame.offsetTop < 1.5 * side);
     frame.classList.toggle("aside", point[0] > 0.5);
   }
@@ -133,29 +156,44 @@ export class Lines {
   // All lines, and the one that is being drawn.
   #draw(another = null) {
     const lines = another ? [...this.#list, another] : this.#list;
-    this.svg.replaceChildren(...lines.flatMap(({ kind, points }, k) => {
-      const at = points.map((point) => point.join(",")).join(" ");
-      const unmet = this.#troubles[k] ? " unmet" : "";
-      return [draw("polyline", { class: `edge${unmet}`, points: at }), draw("polyline", { class: kind, points: at })];
-    }));
+    this.svg.replaceChildren(
+      ...lines.flatMap(({ kind, points }, k) => {
+        const at = points.map((point) => point.join(",")).join(" ");
+        const unmet = this.#troubles[k] ? " unmet" : "";
+        return [draw("polyline", { class: `edge${unmet}`, points: at }), draw("polyline", { class: kind, points: at })];
+      }),
+    );
     this.#drawEnds();
   }
 
   // Ends stay the buttons that they are as long as the lines are the same ones: one may be held while an answer comes.
   #drawEnds() {
-    const ends = this.#kind === null ? [] : this.#list.flatMap(({ kind, points }, number) => points.map((point, end) => ({ kind, number, end, point })));
+    const ends =
+      this.#kind === null
+        ? []
+        : this.#list.flatMap(({ kind, points }, number) => points.map((point, end) => ({ kind, number, end, point })));
     const shown = [...this.handles.children];
-    if (shown.length !== ends.length || shown.some((handle, k) => handle.id !== idOf(ends[k]) || !handle.classList.contains(ends[k].kind))) {
+    if (
+      shown.length !== ends.length ||
+      shown.some((handle, k) => handle.id !== idOf(ends[k]) || !handle.classList.contains(ends[k].kind))
+    ) {
       const focused = this.handles.contains(document.activeElement) ? document.activeElement.id : null;
       this.handles.replaceChildren(...ends.map((end) => this.#handle(end)));
       if (focused) document.getElementById(focused)?.focus({ focusVisible: true });
     }
-    ends.forEach(({ point: [x, y] }, k) => Object.assign(this.handles.children[k].style, { left: `${100 * x}%`, top: `${100 * y}%` }));
+    ends.forEach(({ point: [x, y] }, k) =>
+      Object.assign(this.handles.children[k].style, { left: `${100 * x}%`, top: `${100 * y}%` }),
+    );
   }
 
   #handle({ kind, number, end }) {
-    const handle = make("button", { type: "button", class: `end ${kind}`, id: idOf({ number, end }), "data-line": number,
-      "aria-label": words.lineEnd(words.lineOf[kind], number + 1, end + 1) });
+    const handle = make("button", {
+      type: "button",
+      class: `end ${kind}`,
+      id: idOf({ number, end }),
+      "data-line": number,
+      "aria-label": words.lineEnd(words.lineOf[kind], number + 1, end + 1),
+    });
     const move = (point) => {
       this.#list[number].points[end] = point.map(clipped);
       this.#draw();

@@ -89,10 +89,13 @@ async function workInBackground() {
     const photo = photos.find((each) => each.state === "waiting" && each !== view.current);
     if (!photo) return;
     background += 1;
-    photo.small(true).catch(() => {}).finally(() => {
-      background -= 1;
-      workInBackground();
-    });
+    photo
+      .small(true)
+      .catch(() => {})
+      .finally(() => {
+        background -= 1;
+        workInBackground();
+      });
     await null;
   }
 }
@@ -138,12 +141,35 @@ onHealth((health) => {
 
 // ---- keys and buttons ----
 
-const { stage, controls: { hand } } = view;
-const keys = { ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => view.pick(number)])),
-  j: () => step(1), k: () => step(-1), z: () => stage.toggleZoom(), l: () => view.toggleLines(), f: () => view.fullScreen(),
-  o: () => view.original(true), "+": stage.zoomIn, "=": stage.zoomIn, "-": stage.zoomOut, "0": () => stage.whole(),
-  s: () => view.save(), p: () => view.play(), g: toggleGrid, escape: () => hand.stop(),
-  ...Object.fromEntries([["left", -1], ["right", 1], ["up", -1], ["down", 1]].map(([way, steps]) => [`arrow${way}`, () => hand.nudge(steps)])) };
+const {
+  stage,
+  controls: { hand },
+} = view;
+const keys = {
+  ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => view.pick(number)])),
+  j: () => step(1),
+  k: () => step(-1),
+  z: () => stage.toggleZoom(),
+  l: () => view.toggleLines(),
+  f: () => view.fullScreen(),
+  o: () => view.original(true),
+  "+": stage.zoomIn,
+  "=": stage.zoomIn,
+  "-": stage.zoomOut,
+  0: () => stage.whole(),
+  s: () => view.save(),
+  p: () => view.play(),
+  g: toggleGrid,
+  escape: () => hand.stop(),
+  ...Object.fromEntries(
+    [
+      ["left", -1],
+      ["right", 1],
+      ["up", -1],
+      ["down", 1],
+    ].map(([way, steps]) => [`arrow${way}`, () => hand.nudge(steps)]),
+  ),
+};
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const key = event.key.toLowerCase();
@@ -152,19 +178,38 @@ addEventListener("keydown", (event) => {
     return view.undo();
   }
   if (key.startsWith("arrow") && (!hand.pulls || event.target.closest?.("input, .handle"))) return;
-  if (!view.current || typing || by("save-which").open || event.ctrlKey || event.metaKey || event.altKey || !(key in keys)) return;
+  if (
+    !view.current ||
+    typing ||
+    by("save-which").open ||
+    event.ctrlKey ||
+    event.metaKey ||
+    event.altKey ||
+    !(key in keys)
+  )
+    return;
   event.preventDefault();
   keys[key]();
 });
 addEventListener("keyup", (event) => event.key.toLowerCase() === "o" && view.current && view.original(false));
-const clicks = { previous: () => step(-1), next: () => step(1), close: () => close(view.current), 
-  "zoom-in": stage.zoomIn, "zoom-out": stage.zoomOut, grid: toggleGrid, "full-screen": () => view.fullScreen(), sample };
+const clicks = {
+  previous: () => step(-1),
+  next: () => step(1),
+  close: () => close(view.current),
+  "zoom-in": stage.zoomIn,
+  "zoom-out": stage.zoomOut,
+  grid: toggleGrid,
+  "full-screen": () => view.fullScreen(),
+  sample,
+};
 for (const [id, clicked] of Object.entries(clicks)) by(id).addEventListener("click", clicked);
 by("drop-area").addEventListener("click", (event) => !event.target.closest("#sample") && by("choose").click());
 for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave"]) {
   by("original").addEventListener(name, () => view.original(name === "pointerdown"));
 }
-by("zoom").append(...[["", ""], ...words.zoomTo].map(([value, said]) => make("option", { value, hidden: !value }, said)));
+by("zoom").append(
+  ...[["", ""], ...words.zoomTo].map(([value, said]) => make("option", { value, hidden: !value }, said)),
+);
 by("zoom").addEventListener("change", () => {
   const scale = Number(by("zoom").value);
   if (scale) stage.zoomTo(scale);
@@ -178,7 +223,9 @@ addEventListener("beforeunload", (event) => photos.some((photo) => photo.unsaved
 addEventListener("pagehide", () => photos.forEach((photo) => photo.forget()));
 watch(take);
 
-about().then((answer) => {
-  settings = answer;
-  arrange();
-}).catch(() => {}); // onHealth has said it
+about()
+  .then((answer) => {
+    settings = answer;
+    arrange();
+  })
+  .catch(() => {}); // onHealth has said it

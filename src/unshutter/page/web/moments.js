@@ -6,13 +6,16 @@ import { words } from "./words.js";
 export class Moments extends PictureRow {
   // Shows those of a clip; of a photo, none.
   show(clip) {
-    const times = clip.kind === "clip" ? clip.facts?.moments_s ?? [] : [];
-    super.show(clip, times.map((time, number) => ({
-      lines: [words.time(time)],
-      label: words.momentAt(words.time(time)),
-      pressed: number === clip.moment,
-      blob: clip.smalls[number],
-      coming: clip.state === "finding",
-    })));
+    const times = clip.kind === "clip" ? (clip.facts?.moments_s ?? []) : [];
+    super.show(
+      clip,
+      times.map((time, number) => ({
+        lines: [words.time(time)],
+        label: words.momentAt(words.time(time)),
+        pressed: number === clip.moment,
+        blob: clip.smalls[number],
+        coming: clip.state === "finding",
+      })),
+    );
   }
 }

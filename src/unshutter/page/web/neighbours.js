@@ -18,11 +18,29 @@ export class Neighbours {
     this.ratio = control("photo", "readout-ratio", "ratio", set);
     this.model = control("photo", "model", "model", set);
     this.fallback = control("photo", "fallback", "fallback", set);
-    this.shown = [this.ratio, this.model, this.fallback, ...others("photo", PLACED, ["neighbours", "clock"], "option-", set)];
+    this.shown = [
+      this.ratio,
+      this.model,
+      this.fallback,
+      ...others("photo", PLACED, ["neighbours", "clock"], "option-", set),
+    ];
     this.more = make("details", {}, make("summary", {}, words.more), ...this.shown.slice(1).map(({ node }) => node));
-    this.timing = make("div", {}, this.ratio.node, make("p", { class: "quiet" }, words.ratioHelp), ...this.#moment(), this.more);
-    this.node = make("details", { class: "section", id: "neighbours" }, make("summary", {}, words.neighbours),
-      make("p", { class: "quiet" }, words.neighboursHelp), this.places, this.timing);
+    this.timing = make(
+      "div",
+      {},
+      this.ratio.node,
+      make("p", { class: "quiet" }, words.ratioHelp),
+      ...this.#moment(),
+      this.more,
+    );
+    this.node = make(
+      "details",
+      { class: "section", id: "neighbours" },
+      make("summary", {}, words.neighbours),
+      make("p", { class: "quiet" }, words.neighboursHelp),
+      this.places,
+      this.timing,
+    );
   }
 
   // Shows where neighbours are chosen.
@@ -62,7 +80,13 @@ export class Neighbours {
 
   // The moment of the picture: that of the reference row, or any between the frames.
   #moment() {
-    this.at = make("input", { type: "range", id: "at", step: "0.05", "aria-label": words.atLabel, onchange: () => this.#set("at", this.at.value) });
+    this.at = make("input", {
+      type: "range",
+      id: "at",
+      step: "0.05",
+      "aria-label": words.atLabel,
+      onchange: () => this.#set("at", this.at.value),
+    });
     this.at.addEventListener("input", () => (this.atSaid.textContent = words.at(Number(this.at.value))));
     this.atSaid = make("output", { for: "at" });
     this.another = check("another", words.another, (on) => {
@@ -82,18 +106,43 @@ export class Neighbours {
   #place(which) {
     const there = this.photo.neighbours[which];
     if (there) {
-      return make("span", { class: "neighbour" }, words.neighbourIs[which](there.name),
-        make("button", { type: "button", "aria-label": words.neighbourForget, title: words.neighbourForget,
-          onclick: () => this.#put(which, null) }, "×"));
+      return make(
+        "span",
+        { class: "neighbour" },
+        words.neighbourIs[which](there.name),
+        make(
+          "button",
+          {
+            type: "button",
+            "aria-label": words.neighbourForget,
+            title: words.neighbourForget,
+            onclick: () => this.#put(which, null),
+          },
+          "×",
+        ),
+      );
     }
-    const choose = make("input", { type: "file", class: "away", id: `choose-${which}`,
-      onchange: (event) => this.#put(which, event.target.files[0]) });
-    return make("label", { class: "button", ondragover: (event) => event.preventDefault(), ondrop: (event) => {
-      event.preventDefault();
-      event.stopPropagation(); // it is not another photo to straighten
-      document.documentElement.classList.remove("dropping");
-      if (event.dataTransfer.files.length) this.#put(which, event.dataTransfer.files[0]);
-    } }, words.neighbourOf[which], choose);
+    const choose = make("input", {
+      type: "file",
+      class: "away",
+      id: `choose-${which}`,
+      onchange: (event) => this.#put(which, event.target.files[0]),
+    });
+    return make(
+      "label",
+      {
+        class: "button",
+        ondragover: (event) => event.preventDefault(),
+        ondrop: (event) => {
+          event.preventDefault();
+          event.stopPropagation(); // it is not another photo to straighten
+          document.documentElement.classList.remove("dropping");
+          if (event.dataTransfer.files.length) this.#put(which, event.dataTransfer.files[0]);
+        },
+      },
+      words.neighbourOf[which],
+      choose,
+    );
   }
 
   #forget(which) {

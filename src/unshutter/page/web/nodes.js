@@ -33,6 +33,9 @@ export function fill(root, words) {
 const KEPT_OF_NAME = 9; // characters at its end, with its number and extension
 
 // A file's name in two parts: where there is no room, its middle gives way.
-export const nameParts = (name) => [make("span", { class: "start" }, name.slice(0, -KEPT_OF_NAME)), make("span", {}, name.slice(-KEPT_OF_NAME))];
+export const nameParts = (name) => [
+  make("span", { class: "start" }, name.slice(0, -KEPT_OF_NAME)),
+  make("span", {}, name.slice(-KEPT_OF_NAME)),
+];
 
 export const by = (id) => document.getElementById(id);

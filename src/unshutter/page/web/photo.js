@@ -32,10 +32,7 @@ export class Photo extends Opened {
     try {
       await this.send();
       if (part === "both") this.become("finding");
-      await Promise.all([
-        part === "both" ? this.#fetch("before", asked) : null,
-        this.#fetchAfter(asked),
-      ]);
+      await Promise.all([part === "both" ? this.#fetch("before", asked) : null, this.#fetchAfter(asked)]);
       const listed = !later && (await this.#listCandidates()); // before it is done: their row must not move the picture later
       this.become("done");
       if (listed) this.#drawCandidates();
@@ -82,7 +79,9 @@ export class Photo extends Opened {
 
   // Whether the neighbours do.
   get between() {
-    return Object.keys(this.neighbours).length > 0 && !this.neighbourError && !this.byHand && this.options.strength !== "0";
+    return (
+      Object.keys(this.neighbours).length > 0 && !this.neighbourError && !this.byHand && this.options.strength !== "0"
+    );
   }
 
   // All that was asked for, as text: whether it was saved is known by it.
@@ -136,8 +135,9 @@ export class Photo extends Opened {
       const own = edges === undefined || edges === "borrow" ? others : { ...others, edges };
       return { ...own, ...this.hand, ...(this.lines.length ? { lines: this.#linesAsText() } : {}) };
     }
-    const kept = Object.entries(this.options).filter(([name]) =>
-      WITH_NEIGHBOURS.includes(name) && !(name === "reference" && "at" in this.beside)); // both say the moment
+    const kept = Object.entries(this.options).filter(
+      ([name]) => WITH_NEIGHBOURS.includes(name) && !(name === "reference" && "at" in this.beside),
+    ); // both say the moment
     const ids = Object.entries(this.neighbours).map(async ([which, photo]) => [which, await photo.sent()]);
     return { ...Object.fromEntries([...kept, ...(await Promise.all(ids))]), ...this.beside };
   }
@@ -194,11 +194,15 @@ export class Photo extends Opened {
 
   // The options by which its motion is found.
   get #finding() {
-    return Object.fromEntries(Object.entries(this.options).filter(([name]) => ![...UNDOING, "candidate"].includes(name)));
+    return Object.fromEntries(
+      Object.entries(this.options).filter(([name]) => ![...UNDOING, "candidate"].includes(name)),
+    );
   }
 
   #linesAsText() {
-    return JSON.stringify(this.lines.map(({ kind, points }) => [kind, ...points.flat().map((share) => Number(share.toFixed(5)))]));
+    return JSON.stringify(
+      this.lines.map(({ kind, points }) => [kind, ...points.flat().map((share) => Number(share.toFixed(5)))]),
+    );
   }
 
   // The rectified photo: without its neighbours where they cannot be used.

@@ -38,7 +38,12 @@ export class PictureRow {
     this.buttons = choices.map((_, number) => {
       const canvas = make("canvas", { width: 1, height: 1, "aria-hidden": "true" });
       const said = make("span", { class: "lines-of-choice" });
-      const button = make("button", { type: "button", class: "choice", onclick: () => this.pick(number) }, canvas, said);
+      const button = make(
+        "button",
+        { type: "button", class: "choice", onclick: () => this.pick(number) },
+        canvas,
+        said,
+      );
       return { button, canvas, said };
     });
     this.node.replaceChildren(...this.buttons.map(({ button }) => button));

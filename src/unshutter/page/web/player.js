@@ -13,9 +13,24 @@ export class Player {
     this.stage = stage;
     this.video = make("video", { muted: true, loop: true, playsinline: true });
     this.video.muted = true;
-    this.#halves = { before: make("canvas", { "aria-hidden": "true" }), after: make("canvas", { "aria-hidden": "true" }) };
-    this.button = make("button", { type: "button", id: "play", onclick: () => (this.#film ? this.toggle() : on.play()) }, words.play);
-    this.place = make("input", { type: "range", id: "play-at", min: "0", max: "1", step: "any", "aria-label": words.playAt, hidden: true });
+    this.#halves = {
+      before: make("canvas", { "aria-hidden": "true" }),
+      after: make("canvas", { "aria-hidden": "true" }),
+    };
+    this.button = make(
+      "button",
+      { type: "button", id: "play", onclick: () => (this.#film ? this.toggle() : on.play()) },
+      words.play,
+    );
+    this.place = make("input", {
+      type: "range",
+      id: "play-at",
+      min: "0",
+      max: "1",
+      step: "any",
+      "aria-label": words.playAt,
+      hidden: true,
+    });
     this.place.addEventListener("input", () => {
       this.video.pause();
       this.video.currentTime = this.place.value * (this.video.duration || 0);
@@ -23,7 +38,11 @@ export class Player {
     this.bar = make("progress", { "aria-label": words.progress });
     this.said = make("span", { role: "status" });
     this.left = make("span", { class: "quiet" });
-    this.cancel = make("button", { type: "button", id: "clip-cancel", onclick: () => this.clip.cancel() }, words.cancel);
+    this.cancel = make(
+      "button",
+      { type: "button", id: "clip-cancel", onclick: () => this.clip.cancel() },
+      words.cancel,
+    );
     node.replaceChildren(this.button, this.place, this.bar, this.cancel, this.said, this.left);
     for (const name of ["play", "pause", "ended"]) this.video.addEventListener(name, () => this.#label());
     for (const name of ["loadeddata", "seeked"]) this.video.addEventListener(name, () => this.#draw());
@@ -37,7 +56,7 @@ export class Player {
     this.node.hidden = clip.kind !== "clip" || !["finding", "done"].includes(clip.state);
     const busy = clip.state === "finding" || clip.filming;
     this.said.textContent = !busy ? "" : clip.filming ? words.filming : words.searching;
-    this.left.textContent = busy ? clip.doing?.left ?? "" : "";
+    this.left.textContent = busy ? (clip.doing?.left ?? "") : "";
     this.bar.hidden = !busy;
     this.cancel.hidden = !busy || !clip.facts; // × closes it before
     if (clip.doing?.share) this.bar.value = clip.doing.share;
@@ -83,7 +102,8 @@ export class Player {
     this.#each(next);
   }
 
-  #each = (drawn) => (this.video.requestVideoFrameCallback ? this.video.requestVideoFrameCallback(drawn) : requestAnimationFrame(drawn));
+  #each = (drawn) =>
+    this.video.requestVideoFrameCallback ? this.video.requestVideoFrameCallback(drawn) : requestAnimationFrame(drawn);
 
   #draw() {
     const [width, height] = [this.video.videoWidth / 2, this.video.videoHeight];

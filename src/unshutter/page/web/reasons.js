@@ -7,7 +7,7 @@ export const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
 // Code of a reason -> why a photo, moment or clip is left unchanged, with the reason's figures.
 export const reasons = {
-  "stated": ({ sentence }) => sentence,
+  stated: ({ sentence }) => sentence,
   "too-long": ({ aspect }) => `one side is more than ${aspect} times as long as the other`,
   "too-few-segments": ({ segments }) => `only ${count(segments, "straight line was", "straight lines were")} found`,
   "no-right-angles": () => "the photo shows no right angles",
@@ -23,7 +23,7 @@ export const reasons = {
   "no-motion": () => "the camera did not move",
   "no-visible-motion": () => "no motion can be seen",
   "strength-0": () => "the strength is 0",
-  "unsure": ({ confidence }) => `not sure: straightening it would help with a probability of ${percent(confidence)}`,
+  unsure: ({ confidence }) => `not sure: straightening it would help with a probability of ${percent(confidence)}`,
   "unsure-whether-moved": ({ confidence }) => `not sure whether the camera moved (confidence ${percent(confidence)})`,
   "wide-lens": () => "not sure: a wide lens bends lines",
   "which-way": () => "its motion blur shows that the camera moved, but not which way",

@@ -80,7 +80,13 @@ async function saveMany(photos, to, notice, onlyChanged = false) {
 }
 
 // Stages of work on a clip -> seconds a step, and how many steps are usual before they are counted.
-const STEPS = { gyro: [0.5, 12], "readout time": [0.01, 500], looking: [0.03, 300], film: [0.02, 240], frames: [0.03, 300] };
+const STEPS = {
+  gyro: [0.5, 12],
+  "readout time": [0.01, 500],
+  looking: [0.03, 300],
+  film: [0.02, 240],
+  frames: [0.03, 300],
+};
 
 // Says of what the program notes how much of the work on a clip is done, and how long the rest takes: one share from start to
 // end, which never falls, though the stages are many. goal: the last of them.
@@ -92,7 +98,8 @@ export function pace(goal) {
     if (last && (last.what !== now.what || now.done < last.done)) past += cost(last.what, last.total);
     last = now;
     const own = cost(now.what, now.total);
-    const coming = now.what === goal ? 0 : now.what === "looking" ? own : cost(goal) + (goal === "frames" ? cost("looking") : 0);
+    const coming =
+      now.what === goal ? 0 : now.what === "looking" ? own : cost(goal) + (goal === "frames" ? cost("looking") : 0);
     share = Math.max(share, (past + own * Math.min(now.done / now.total, 1)) / (past + own + coming));
     began ??= [performance.now() / 1000, share];
     const [elapsed, done] = [performance.now() / 1000 - began[0], share - began[1]];
@@ -106,7 +113,13 @@ function watch() {
   return ({ done, total, now }) => {
     if (done.length !== files) [files, own] = [done.length, pace("frames")];
     const { share, left } = own(now);
-    by("saving-words").textContent = [total > 1 || !now ? words.saving(files, total) : "", now ? words.making(now) : "", left].filter(Boolean).join(" · ");
+    by("saving-words").textContent = [
+      total > 1 || !now ? words.saving(files, total) : "",
+      now ? words.making(now) : "",
+      left,
+    ]
+      .filter(Boolean)
+      .join(" · ");
     if (files + share) by("saving-bar").value = (files + share) / total;
     else by("saving-bar").removeAttribute("value"); // nobody knows yet
   };
@@ -123,6 +136,9 @@ async function ended(saving, notice) {
   }
   const clip = saving.total === 1 && count === 1 && saving.done[0].frames !== undefined;
   const [{ name, declined }] = saving.done;
-  if (!count && !failed.length) return notice(saving.to === "file" && declined?.length ? words.clipUnchanged(name, words.why(declined[0])) : words.noneChanged);
+  if (!count && !failed.length)
+    return notice(
+      saving.to === "file" && declined?.length ? words.clipUnchanged(name, words.why(declined[0])) : words.noneChanged,
+    );
   notice(clip ? words.clipSaved(saving.done[0]) : words.saved(count, failed));
 }

@@ -30,20 +30,47 @@ export class Stage {
     this.tool = null; // that takes a press on the picture in its mode: function of the event, returns whether it did
     this.images = { before: make("img", { draggable: "false" }), after: make("img", { draggable: "false" }) };
     this.lines = { before: overlay("lines before"), after: overlay("lines after") };
-    this.handle = make("div", { class: "handle", role: "slider", tabindex: "0", "aria-label": words.slider,
-      "aria-valuemin": "0", "aria-valuemax": "100", "aria-orientation": "horizontal" }, make("span", { "aria-hidden": "true" }, "‹ ›"));
-    const tags = ["before", "after"].map((side) => make("span", { class: `tag ${side}`, "aria-hidden": "true" }, words[side]));
-    this.wholes = ["after", "before"].map((side) => make("div", { class: "whole" }, this.images[side], this.lines[side]));
-    this.frame = make("div", { class: "compare" }, make("div", { class: "layer after" }, this.wholes[0]),
-      make("div", { class: "layer before" }, this.wholes[1]), ...tags, grid(), this.handle);
+    this.handle = make(
+      "div",
+      {
+        class: "handle",
+        role: "slider",
+        tabindex: "0",
+        "aria-label": words.slider,
+        "aria-valuemin": "0",
+        "aria-valuemax": "100",
+        "aria-orientation": "horizontal",
+      },
+      make("span", { "aria-hidden": "true" }, "‹ ›"),
+    );
+    const tags = ["before", "after"].map((side) =>
+      make("span", { class: `tag ${side}`, "aria-hidden": "true" }, words[side]),
+    );
+    this.wholes = ["after", "before"].map((side) =>
+      make("div", { class: "whole" }, this.images[side], this.lines[side]),
+    );
+    this.frame = make(
+      "div",
+      { class: "compare" },
+      make("div", { class: "layer after" }, this.wholes[0]),
+      make("div", { class: "layer before" }, this.wholes[1]),
+      ...tags,
+      grid(),
+      this.handle,
+    );
     this.message = make("div", { class: "message", role: "alert", hidden: true });
     stage.replaceChildren(this.frame, this.message);
     this.handle.addEventListener("keydown", (event) => this.#key(event));
     stage.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     stage.addEventListener("pointerdown", (event) => this.#press(event));
     stage.addEventListener("pointermove", (event) => this.#pinch(event));
-    for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => this.#pointers.delete(event.pointerId));
-    stage.addEventListener("dblclick", (event) => !this.mode && !event.target.closest("button, .handle") && this.toggleZoom([event.clientX, event.clientY]));
+    for (const name of ["pointerup", "pointercancel"])
+      stage.addEventListener(name, (event) => this.#pointers.delete(event.pointerId));
+    stage.addEventListener(
+      "dblclick",
+      (event) =>
+        !this.mode && !event.target.closest("button, .handle") && this.toggleZoom([event.clientX, event.clientY]),
+    );
     new ResizeObserver(() => this.#fit()).observe(stage);
     this.move(50);
   }
@@ -119,7 +146,10 @@ export class Stage {
 
   // Shears the picture after by a matrix about a point, until its next picture comes; null: not.
   shear(matrix, origin = "") {
-    Object.assign(this.images.after.style, { transform: matrix ? `matrix(${matrix}, 0, 0)` : "", transformOrigin: origin });
+    Object.assign(this.images.after.style, {
+      transform: matrix ? `matrix(${matrix}, 0, 0)` : "",
+      transformOrigin: origin,
+    });
   }
 
   // Lines over both pictures: {before: [[x, y, x, y]...], after}, shares; null: none.
@@ -229,9 +259,19 @@ export class Stage {
       return Math.min(Math.max(shift, -most), most);
     });
     const [left, top] = room.map((side, k) => (side - sides[k]) / 2 + this.#shift[k]);
-    Object.assign(this.frame.style, { width: `${sides[0]}px`, height: `${sides[1]}px`, left: `${left}px`, top: `${top}px` });
+    Object.assign(this.frame.style, {
+      width: `${sides[0]}px`,
+      height: `${sides[1]}px`,
+      left: `${left}px`,
+      top: `${top}px`,
+    });
     const [x1, y1, x2, y2] = this.#window;
-    for (const [name, value] of Object.entries({ left: -x1 / (x2 - x1), top: -y1 / (y2 - y1), width: 1 / (x2 - x1), height: 1 / (y2 - y1) })) {
+    for (const [name, value] of Object.entries({
+      left: -x1 / (x2 - x1),
+      top: -y1 / (y2 - y1),
+      width: 1 / (x2 - x1),
+      height: 1 / (y2 - y1),
+    })) {
       for (const whole of this.wholes) whole.style[name] = `${100 * value}%`;
     }
     this.stage.classList.toggle("zoomed", this.zoomed);
@@ -262,17 +302,18 @@ export class Stage {
     const grabbed = event.target.closest(".handle");
     if (grabbed) this.handle.focus({ focusVisible: false });
     else if (this.mode && this.tool(event)) return;
-    if (this.zoomed && !grabbed) return this.drag(event, (dx, dy) => {
-      this.#shift = [this.#shift[0] + dx, this.#shift[1] + dy];
-      this.#fit();
-    });
+    if (this.zoomed && !grabbed)
+      return this.drag(event, (dx, dy) => {
+        this.#shift = [this.#shift[0] + dx, this.#shift[1] + dy];
+        this.#fit();
+      });
     if (!event.target.closest(".compare") || this.frame.classList.contains("single")) return;
     const follow = (at) => {
       const box = this.frame.getBoundingClientRect();
       this.move((100 * (at.clientX - box.left)) / box.width);
     };
     if (!grabbed) follow(event);
-    this.drag(event, (dx, dy, at) => follow(at));
+    this.drag(event, (_dx, _dy, at) => follow(at));
   }
 
   // Two fingers: zooms by how their distance changes, and goes with their middle.
@@ -316,7 +357,9 @@ export class Stage {
 function grid() {
   const at = [...Array(GRID_CELLS - 1).keys()].map((k) => (k + 1) / GRID_CELLS);
   const node = overlay("grid");
-  node.append(...at.flatMap((x) => [draw("line", { x1: x, x2: x, y1: 0, y2: 1 }), draw("line", { x1: 0, x2: 1, y1: x, y2: x })]));
+  node.append(
+    ...at.flatMap((x) => [draw("line", { x1: x, x2: x, y1: 0, y2: 1 }), draw("line", { x1: 0, x2: 1, y1: x, y2: x })]),
+  );
   return node;
 }
 

@@ -10,7 +10,8 @@ const AT_WORK = ["waiting", "loading", "finding"];
 const FILTERS = {
   all: () => true,
   changed: ({ state, result }) => state === "done" && Boolean(result?.changed),
-  look: ({ state, result }) => state === "asking" || (state === "done" && Boolean(result?.changed && result.certainty === "unsure")),
+  look: ({ state, result }) =>
+    state === "asking" || (state === "done" && Boolean(result?.changed && result.certainty === "unsure")),
   alone: ({ state, kind, result }) => state === "done" && kind === "photo" && !result.changed,
   failed: ({ state }) => state === "failed",
 };
@@ -24,12 +25,26 @@ export class Strip {
     this.list = list;
     this.on = on;
     this.filter = "all";
-    this.buttons = Object.keys(FILTERS).map((name) => make("button", { type: "button", id: `filter-${name}`, onclick: () => this.show(name) }));
+    this.buttons = Object.keys(FILTERS).map((name) =>
+      make("button", { type: "button", id: `filter-${name}`, onclick: () => this.show(name) }),
+    );
     this.progress = make("progress", { "aria-label": words.allDone });
-    this.removeFailed = make("button", { type: "button", id: "remove-failed", onclick: () => {
-      for (const photo of [...this.#items.keys()].filter(FILTERS.failed)) on.close(photo);
-    } }, words.removeFailed);
-    bar.replaceChildren(make("span", { class: "row", role: "group", "aria-label": words.filter }, ...this.buttons), this.removeFailed, this.progress);
+    this.removeFailed = make(
+      "button",
+      {
+        type: "button",
+        id: "remove-failed",
+        onclick: () => {
+          for (const photo of [...this.#items.keys()].filter(FILTERS.failed)) on.close(photo);
+        },
+      },
+      words.removeFailed,
+    );
+    bar.replaceChildren(
+      make("span", { class: "row", role: "group", "aria-label": words.filter }, ...this.buttons),
+      this.removeFailed,
+      this.progress,
+    );
     this.#count();
   }
 
@@ -66,10 +81,18 @@ export class Strip {
   add(photo) {
     const canvas = make("canvas", { width: SIDE, height: SIDE, "aria-hidden": "true" });
     const state = make("span", { class: "state" });
-    const pick = make("button", { type: "button", class: "thumbnail", title: photo.name, onclick: () => this.on.pick(photo) },
-      canvas, make("span", { class: "file-name" }, ...nameParts(photo.name)), state);
-    const close = make("button", { type: "button", class: "close", "aria-label": words.close(photo.name),
-      onclick: () => this.on.close(photo) }, "×");
+    const pick = make(
+      "button",
+      { type: "button", class: "thumbnail", title: photo.name, onclick: () => this.on.pick(photo) },
+      canvas,
+      make("span", { class: "file-name" }, ...nameParts(photo.name)),
+      state,
+    );
+    const close = make(
+      "button",
+      { type: "button", class: "close", "aria-label": words.close(photo.name), onclick: () => this.on.close(photo) },
+      "×",
+    );
     const item = make("li", {}, pick, close);
     this.#items.set(photo, { item, pick, canvas, state, drawn: null });
     this.list.append(item);
@@ -95,8 +118,10 @@ export class Strip {
     const item = this.#items.get(photo);
     if (!item) return;
     item.state.textContent = stateOf(photo);
-    item.pick.dataset.state = photo.state === "done" && photo.kind === "photo" ? (photo.result.changed ? "changed" : "alone") : photo.state;
-    item.pick.dataset.sure = photo.state === "done" && photo.kind === "photo" && photo.result.changed ? photo.result.certainty ?? "" : "";
+    item.pick.dataset.state =
+      photo.state === "done" && photo.kind === "photo" ? (photo.result.changed ? "changed" : "alone") : photo.state;
+    item.pick.dataset.sure =
+      photo.state === "done" && photo.kind === "photo" && photo.result.changed ? (photo.result.certainty ?? "") : "";
     this.#count();
     const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
     if (blob && blob !== item.drawn) {
@@ -126,6 +151,8 @@ export async function paint(canvas, blob, side, crop) {
   const scale = Math.min(side / width, side / height);
   canvas.width = width * scale;
   canvas.height = height * scale;
-  canvas.getContext("2d").drawImage(picture, left * picture.width, top * picture.height, width, height, 0, 0, canvas.width, canvas.height);
+  canvas
+    .getContext("2d")
+    .drawImage(picture, left * picture.width, top * picture.height, width, height, 0, 0, canvas.width, canvas.height);
   picture.close();
 }

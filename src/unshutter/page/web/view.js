@@ -33,16 +33,20 @@ export class View {
   constructor(on) {
     this.on = on;
     this.stage = new Stage(by("stage"), { zoom: () => this.#zoomed() });
-    const lines = new Lines(this.stage, () => {
-      this.controls.show(this.current);
-      this.refresh();
-    }, () => this.#draft());
+    const lines = new Lines(
+      this.stage,
+      () => {
+        this.controls.show(this.current);
+        this.refresh();
+      },
+      () => this.#draft(),
+    );
     this.lines = lines;
     const undo = () => this.undo();
     this.controls = new Controls(by("panel"), lines, {
       change: () => this.refresh(),
       draft: () => this.#draft(),
-      tool: (name) => this.#using(name),
+      tool: () => this.#using(),
       undo,
       lines: () => this.toggleLines(),
       save: () => this.save(),
@@ -89,7 +93,10 @@ export class View {
   // What is known of the current photo goes to the screen.
   update() {
     const { facts, pictures, result, state, kind } = this.current;
-    for (const [which, alt] of [["before", words.beforeAlt], ["after", words.afterAlt]]) {
+    for (const [which, alt] of [
+      ["before", words.beforeAlt],
+      ["after", words.afterAlt],
+    ]) {
       const picture = pictures[which];
       if (!picture || !facts || this.#shown[which] === picture.blob) continue;
       this.#shown[which] = picture.blob;
@@ -104,7 +111,10 @@ export class View {
     this.player.show(this.current);
     this.candidates.show(this.current);
     const inPicture = ["failed", "asking"].includes(state) && !pictures.before; // the error is said where the picture would be
-    if (inPicture) this.stage.say([words.sentence(this.current.error, this.current.name), state === "failed" ? words.failedHelp : ""].join(" "));
+    if (inPicture)
+      this.stage.say(
+        [words.sentence(this.current.error, this.current.name), state === "failed" ? words.failedHelp : ""].join(" "),
+      );
     by("viewer").classList.toggle("bare", inPicture && state === "failed");
     by("panel").hidden = kind !== "photo" || state === "failed";
     by("clip-panel").hidden = kind !== "clip";
@@ -120,7 +130,7 @@ export class View {
     if (photo.kind === "photo") photo.remember();
     this.panel.show(photo);
     if (this.#asking === photo) {
-      this.#again = this.#again === "both" ? "both" : part ?? "after";
+      this.#again = this.#again === "both" ? "both" : (part ?? "after");
       return;
     }
     this.#asking = photo;
@@ -200,7 +210,10 @@ export class View {
 
   fullScreen() {
     if (document.fullscreenElement) document.exitFullscreen();
-    else by("viewer").requestFullscreen?.().catch(() => {});
+    else
+      by("viewer")
+        .requestFullscreen?.()
+        .catch(() => {});
   }
 
   #longest() {
@@ -250,7 +263,7 @@ export class View {
   }
 
   // A tool by hand is taken or put away: lines are drawn on the photo as it was taken, and snap to its segments.
-  async #using(name) {
+  async #using() {
     const photo = this.current;
     this.#advise();
     if (!photo || this.lines.kind === null) return;
