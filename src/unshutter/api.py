@@ -20,6 +20,7 @@ from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import DoNothing, chosen, find_candidates
 from unshutter.single.network import SegmentNetwork
 from unshutter.single.register import load, method
+from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
     from unshutter.frames.motion_photo import FilmEvidence
@@ -81,13 +82,15 @@ def rectify(
         (False, 'no visible motion, confidence 0.9...')
     """
     keywords = locals()
-    camera, undoing = from_keywords(Camera, keywords), from_keywords(Undo, keywords)
+    camera, undoing, motion_file = from_keywords(Camera, keywords), from_keywords(Undo, keywords), motion
     if motion is not None:
         camera.check_unused()
         undoing = undoing.at_any_confidence()
         check_type("motion", motion, (Motion, str, os.PathLike), "a Motion or the path of a motion file")
         motion = motion if isinstance(motion, Motion) else Motion.load(motion)
     source = open_photo(photo)
+    if isinstance(motion_file, (str, os.PathLike)):
+        source = replace(source, made_from=(*source.made_from, Opened.at(motion_file)))
     check_size(source.height, source.width)
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None

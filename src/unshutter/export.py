@@ -273,7 +273,8 @@ def move_file(
         >>> Path("straight.csv").read_text().strip()
         '70.0000,240.0000'
     """
-    check_target(target, overwrite, source)
+    RunFiles(reads=[source]).check(target)
+    check_target(target, overwrite)
     remove_leftovers(target.parent)
     table = PointTable.read(source)
     col, row = (p - first_pixel for p in table.positions)

@@ -14,7 +14,7 @@ from unshutter import rectify
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
 from unshutter.photo.formats import WRITTEN
-from unshutter.storage.files import times_of
+from unshutter.storage.opened import Opened
 
 
 def digest(path):
@@ -42,8 +42,8 @@ def test_times_are_kept_where_they_are_asked_for(tmp_path):
     rectified = rectify(photo, estimator="none")
     rectified.save(tmp_path / "then.jpg", keep_times=True)
     rectified.save(tmp_path / "now.jpg")
-    assert times_of(tmp_path / "then.jpg") == then == rectified.original.times_ns
-    assert times_of(tmp_path / "now.jpg")[1] > 1_700_000_000_000_000_000
+    assert Opened.at(tmp_path / "then.jpg").times_ns == then == rectified.original.times_ns
+    assert Opened.at(tmp_path / "now.jpg").times_ns[1] > 1_700_000_000_000_000_000
     with pytest.raises(UsageError, match="read from a file"):
         Photo.from_bytes(photo.read_bytes()).save(tmp_path / "none.jpg", keep_times=True)
     assert not (tmp_path / "none.jpg").exists()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from support.batches import leftovers, make_photos, rectify, results, start_rectify
@@ -123,3 +124,17 @@ def test_a_sequence_is_rectified_as_on_one_machine(cluster, tmp_path: Path) -> N
     assert rectify(*words, "-o", tmp_path / "here") == 0
     assert rectify(*words, "-o", tmp_path / "there", "--scheduler", cluster.scheduler_address) == 0
     assert results(tmp_path / "there") == results(tmp_path / "here")
+
+
+def test_photos_replaced_between_two_runs_on_the_same_workers(cluster, motion: Path, tmp_path: Path) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    words = ["--motion", motion, "--scheduler", cluster.scheduler_address, "--edges", "keep"]
+    for level in (40, 200):
+        for k in range(6):
+            picture = np.full((144, 192, 3), level + 5 * k, np.uint8)
+            Photo.from_array(picture).save(photos / f"{k}.webp", overwrite=True)
+        assert rectify(photos, "-o", tmp_path / "out", *words) == 0
+        for k in range(6):
+            file = (tmp_path / "out" / f"{k}.rectified.webp").read_bytes()
+            assert abs(int(Photo.from_bytes(file).pixels[72, 96, 0]) - level - 5 * k) <= 2

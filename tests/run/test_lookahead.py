@@ -86,7 +86,7 @@ def test_a_folder_opens_the_network_once(
 
     read = network.read_weights
     monkeypatch.setattr(network, "read_weights", lambda *given: opened.append(given) or read(*given))
-    register.load.cache_clear()
+    register._built.cache_clear()
     folder = tmp_path / "photos"
     folder.mkdir()
     for k in range(3):
@@ -94,7 +94,7 @@ def test_a_folder_opens_the_network_once(
     try:
         assert rectify(folder, "-o", tmp_path / "out") == 0
     finally:
-        register.load.cache_clear()  # the counted one
+        register._built.cache_clear()  # the counted one
     assert len(list((tmp_path / "out").glob("*.jpg"))) == 3
     assert len(opened) == 1
 

@@ -7,7 +7,7 @@ import pytest
 
 from support.batches import make_photos, rectify
 from unshutter.photo import Photo
-from unshutter.storage.files import times_of
+from unshutter.storage.opened import Opened
 
 READ, CHANGED = 1_000_000_000_123_456_000, 900_000_000_987_654_000  # ns: 2001 and 1998, so that reading is noted
 
@@ -29,20 +29,20 @@ EXPECTED = [(READ + k * 1000, CHANGED + k * 1000) for k in range(3)]
 def test_of_a_folder(archive: Path, tmp_path: Path, motion: Path, capsys: pytest.CaptureFixture[str], jobs) -> None:
     words = (archive, "-o", tmp_path / "out", "--motion", motion, *jobs)
     assert rectify(*words) == 0
-    assert all(times_of(tmp_path / "out" / name)[1] > 1_700_000_000_000_000_000 for name in RESULTS)
+    assert all(Opened.at(tmp_path / "out" / name).times_ns[1] > 1_700_000_000_000_000_000 for name in RESULTS)
     for k, name in enumerate(("a.jpg", "b.png", "below/c.tif")):
         os.utime(archive / name, ns=EXPECTED[k])
     assert rectify(*words, "--keep-times") == 0  # other results are wanted now
-    assert [times_of(tmp_path / "out" / name) for name in RESULTS] == EXPECTED
+    assert [Opened.at(tmp_path / "out" / name).times_ns for name in RESULTS] == EXPECTED
     capsys.readouterr()
     assert rectify(*words, "--keep-times") == 0
     assert "3 finished already" in capsys.readouterr().err
-    assert [times_of(tmp_path / "out" / name) for name in RESULTS] == EXPECTED
+    assert [Opened.at(tmp_path / "out" / name).times_ns for name in RESULTS] == EXPECTED
 
 
 def test_of_one_photo_while_a_motion_is_looked_for(archive: Path, tmp_path: Path) -> None:
     assert rectify(archive / "a.jpg", "--estimator", "none", "--keep-times", "-o", tmp_path / "out") == 0
-    assert times_of(tmp_path / "out" / "a.jpg") == EXPECTED[0]
+    assert Opened.at(tmp_path / "out" / "a.jpg").times_ns == EXPECTED[0]
 
 
 def test_of_what_an_earlier_run_did_not_finish(archive: Path, tmp_path: Path, motion: Path) -> None:
@@ -54,8 +54,8 @@ def test_of_what_an_earlier_run_did_not_finish(archive: Path, tmp_path: Path, mo
     (tmp_path / "out" / RESULTS[0]).unlink()
     os.utime(archive / "a.jpg", ns=EXPECTED[0])
     assert rectify(*words) == 0
-    assert [times_of(tmp_path / "out" / name)[1] for name in RESULTS] == [changed for _, changed in EXPECTED]
-    assert times_of(tmp_path / "out" / RESULTS[0]) == EXPECTED[0]
+    assert [Opened.at(tmp_path / "out" / name).times_ns[1] for name in RESULTS] == [changed for _, changed in EXPECTED]
+    assert Opened.at(tmp_path / "out" / RESULTS[0]).times_ns == EXPECTED[0]
 
 
 def test_urls_are_refused(archive: Path, tmp_path: Path, motion: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """What is known of methods without importing them, and methods that come from other packages."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -137,3 +138,15 @@ def test_wrong_names_are_told_in_one_line(name: str, told: str) -> None:
         with pytest.raises(UsageError, match=told) as error:
             refuse(name)
         assert "\n" not in str(error.value)
+
+
+def test_weights_that_are_replaced_are_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, own = tmp_path / "own.npz", method("segment-transformer").weights
+    assert own is not None
+    shutil.copy(own, file)
+    first = load(f"segment-transformer@{file}")
+    monkeypatch.chdir(tmp_path)
+    assert load("segment-transformer@own.npz") is first
+    file.write_bytes(b"no weights")
+    with pytest.raises(UnshutterError):
+        load(f"segment-transformer@{file}")

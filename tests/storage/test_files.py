@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.files import check_target, digest, remove_leftovers, remove_own_parts, times_of, written_whole
+from unshutter.photo.saving import check_result
+from unshutter.storage.files import check_target, digest, remove_leftovers, remove_own_parts, written_whole
+from unshutter.storage.opened import Opened
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and permissions")
 
@@ -83,7 +85,7 @@ def test_originals_are_known_by_any_name(tmp_path: Path) -> None:
     (tmp_path / "hard.jpg").hardlink_to(photo)
     for target in (photo, tmp_path / "hard.jpg", tmp_path / "." / "a.jpg"):
         with pytest.raises(UnshutterError, match="never overwritten"):
-            check_target(target, True, photo)
+            check_result(target, True, [Opened.at(photo)])
 
 
 @posix
@@ -104,13 +106,13 @@ def test_permissions_are_those_of_the_original(tmp_path: Path, mode: int) -> Non
 def test_times_that_are_given_are_kept(tmp_path: Path) -> None:
     target, then = tmp_path / "a.jpg", (1_000_000_000_000_000_000, 900_000_000_000_000_000)  # 2001 and 1998
     write(target, b"new", times_ns=then)
-    assert times_of(target) == then
+    assert Opened.at(target).times_ns == then
     assert digest(target) is not None
     if hasattr(os, "O_NOATIME"):
-        assert times_of(target) == then  # looking at a result of ours is no access
+        assert Opened.at(target).times_ns == then  # looking at a result of ours is no access
     write(target, b"newer", times_ns=(1 << 200, 1 << 200))  # no file system has them
     assert target.read_bytes() == b"newer"
-    assert times_of(tmp_path / "missing.jpg") is None
+    assert Opened.at(tmp_path / "missing.jpg").times_ns is None
 
 
 def test_leftovers_go_unless_somebody_writes_them(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ is the better model: it is smooth over time and includes how the speed changes d
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice, pairwise
@@ -30,12 +30,13 @@ from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
-from unshutter.photo.photo import AnyPhoto, check_size, open_photo
+from unshutter.photo.photo import AnyPhoto, check_size, files_behind, open_photo
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Cause
 from unshutter.single.estimator import View
 from unshutter.single.methods import find_motion
 from unshutter.single.register import load
+from unshutter.storage.opened import Opened
 
 Model = Literal["camera", "dense", "alone"]
 
@@ -43,8 +44,9 @@ Model = Literal["camera", "dense", "alone"]
 class Frame:
     """A photo of a sequence, and the flow to the next one."""
 
-    def __init__(self, source: Any, readout: Readout) -> None:
-        self.photo, self._readout = open_photo(source), readout
+    def __init__(self, source: Any, readout: Readout, inputs: Sequence[Opened] | None = None) -> None:
+        photo = open_photo(source)
+        self.photo, self._readout = photo if inputs is None else replace(photo, made_from=inputs), readout
         self.to_next: Link | None = None
         check_size(*self._size, "{photo}", photo=self.name)
 
@@ -276,7 +278,8 @@ def rectify_frames(
     neighbours = from_keywords(Neighbours, {"sequence": True, **keywords})
     alone = Find() if fallback else None
     options = SequenceOptions(time, undoing, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone)
-    return _with_advice(_each(iter(frames), options))
+    inputs = [opened for frame in frames for opened in files_behind(frame)] if isinstance(frames, Sequence) else []
+    return _with_advice(_each(iter(frames), options, inputs))
 
 
 def _with_advice(pictures: Iterator[RectifiedFrame]) -> Iterator[RectifiedFrame]:
@@ -287,14 +290,16 @@ def _with_advice(pictures: Iterator[RectifiedFrame]) -> Iterator[RectifiedFrame]
         raise error.with_advice("give readout_ratio, or readout_ms and fps") from None
 
 
-def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[RectifiedFrame]:
+def _each(frames: Iterator[Any], options: SequenceOptions, inputs: list[Opened]) -> Iterator[RectifiedFrame]:
+    """Yields the result of each frame; none of them may replace one of the inputs, which those of an iterator join."""
     if options.time is None:
         head = list(islice(frames, SEARCHED))
         frames = chain(head, frames)
         options = _with_ratio(head, options)
     before = current = None
     for source in frames:
-        following = Frame(source, options.readout)
+        inputs += files_behind(source)
+        following = Frame(source, options.readout, inputs)
         if current is not None:
             yield _by_any_means(before, current, following, options)
         before, current = current, following

@@ -21,7 +21,7 @@ from unshutter.motion.upright import Pose
 from unshutter.options import Reference
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
-from unshutter.storage.files import check_motion_name, read_text, written_whole
+from unshutter.storage.files import check_motion_name, check_target, read_text, written_whole
 from unshutter.version import __version__
 
 BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
@@ -309,13 +309,22 @@ class Motion(ABC):
         return motion
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes :meth:`to_json` to a file, replacing any existing one.
+        """Writes :meth:`to_json` to a file, replacing a motion file of this name.
 
         Raises:
-            UsageError: the name does not end in ``.json``; UnshutterError: the file cannot be written.
+            UsageError: the name does not end in ``.json``; UnshutterError: the file cannot be written, or is another
+            file than a motion.
         """
-        check_motion_name(Path(path).name)
-        with written_whole(Path(path)) as part:
+        target = Path(path)
+        check_motion_name(target.name)
+        check_target(target, overwrite=True)
+        if target.exists():
+            try:
+                motion_file.parsed(read_text(target))
+            except (OSError, ValueError, RecursionError, UnshutterError):
+                message = "cannot write {motion}: it is another file, not a motion: choose another name"
+                raise UnshutterError(message, motion=target) from None
+        with written_whole(target) as part:
             part.write_text(self.to_json() + "\n", encoding="utf-8")
 
     @staticmethod

@@ -17,8 +17,8 @@ from unshutter.photo import Photo
 from unshutter.photo.formats import of_target
 from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
-from unshutter.photo.saving import Encoded, write_photo
-from unshutter.storage.files import check_target, written_whole
+from unshutter.photo.saving import Encoded, check_result, write_photo
+from unshutter.storage.files import written_whole
 from unshutter.storage.locations import Place, write_place
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Result:
         """
         options, target = from_keywords(Save, locals()), Path(path)
         format = of_target(target)
-        check_target(target, overwrite, self.original.path)
+        check_result(target, overwrite, self.photo.made_from)
         return write_result(self, target, format, options, overwrite)
 
     @errors_in_python()
@@ -121,7 +121,8 @@ def write_result(result: Result, target: Place, format: Format, save: Save, over
         write_place(copied.data(), target, overwrite)
         return ()
     times_ns = photo.times_ns if save.keep_times else None
-    with written_whole(target, overwrite, mode_of=result.original.path, times_ns=times_ns) as part:
+    mode_of = photo.opened and photo.opened.path
+    with written_whole(target, overwrite, mode_of, times_ns) as part:
         copied.copy_to(part)
     return ()
 

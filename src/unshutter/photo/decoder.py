@@ -31,7 +31,8 @@ def read_header(source: Source, max_pixels: int) -> Header:
     """Reads the header of encoded data."""
     format = recognise(source)
     try:
-        header, length = format.read_header(source), source.length
+        with source.unchanged():
+            header, length = format.read_header(source), source.length
     except OSError as error:
         raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
     pixels = header.width * header.height
@@ -149,7 +150,8 @@ class Decoder:
         return next((n for n in self._header.format.shrinks if n * scale <= _NEARLY), 1)
 
     def _decode(self, shrink: int = 1) -> np.ndarray:
-        return self._header.format.decode(self.source, self._header, shrink)
+        with self.source.unchanged():
+            return self._header.format.decode(self.source, self._header, shrink)
 
 
 # ---- reduced copies ----------------------------------------------------------------------------------

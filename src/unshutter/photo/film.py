@@ -59,7 +59,7 @@ def film_of(
     if inside is not None:
         moment = re.search(_MOMENT, xmp or b"")
         return PhotoFilm(inside, int(moment[1]) / 1e6 if moment else None)
-    others = films_beside(source.path) if source is not None and source.path is not None else []
+    others = films_beside(source.opened.path) if source is not None and source.opened is not None else []
     place = next((other for other in others if other.is_file()), None)
     identifier = maker_notes.apple(exif).text(maker_notes.APPLE_CONTENT_IDENTIFIER) if place is not None else ""
     return PhotoFilm(place, None, identifier) if place is not None and identifier else None

@@ -15,8 +15,9 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.storage import files
+from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,6 +29,12 @@ class Source:
     """Encoded data: a file, or bytes in memory."""
 
     place: Path | bytes
+    opened: Opened | None = None  # the file as it was when its header was read; None for bytes in memory
+
+    @classmethod
+    def of_file(cls, path: Path) -> Source:
+        """Returns the data of a file as it is now: once it is changed or replaced, its pixels are refused."""
+        return cls(path, Opened.at(path))
 
     def __str__(self) -> str:
         return str(self.place) if isinstance(self.place, Path) else "the picture in memory"
@@ -45,18 +52,19 @@ class Source:
     @property
     def length(self) -> int:
         """Length of the data in bytes; raises OSError if the file no longer exists."""
-        return self.place.stat().st_size if isinstance(self.place, Path) else len(self.place)
+        return self._file.stat().st_size if isinstance(self.place, Path) else len(self.place)
 
     def stream(self) -> BinaryIO:
         """Opens a new stream at the beginning; raises OSError if the file cannot be read."""
-        return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
+        return self._file.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
 
     def data(self) -> bytes:
         """Returns all data."""
         if isinstance(self.place, bytes):
             return self.place
         try:
-            return self.place.read_bytes()
+            with self.unchanged():
+                return self._file.read_bytes()
         except OSError as error:
             raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=self) from None
 
@@ -65,7 +73,10 @@ class Source:
         if isinstance(self.place, Path):
             import shutil  # imported here: most photos are not copied
 
-            shutil.copyfile(self.place, path)
+            if not self._file.exists():
+                raise MissingFileError("cannot read {photo}: it is no longer there", photo=self)
+            with self.unchanged():
+                shutil.copyfile(self._file, path)
         else:
             path.write_bytes(self.place)
 
@@ -73,8 +84,26 @@ class Source:
         """Opens the picture lazily with one of libvips's loaders; raises ``pyvips.Error`` if that fails."""
         image = libvips().Image
         if isinstance(self.place, Path):  # encoded, because names need not be valid text
-            return getattr(image, operation)(os.fsencode(self.place), **options)
+            # libvips remembers pictures by their file's name, and would return that of an earlier file
+            return getattr(image, operation)(os.fsencode(self._file), revalidate=True, **options)
         return getattr(image, operation + "_buffer")(self.place, **options)
+
+    @contextmanager
+    def unchanged(self) -> Iterator[None]:
+        """Raises UnshutterError, before or after the block, if the file is no longer the one that was opened."""
+        self._check_unchanged()
+        yield
+        self._check_unchanged()
+
+    def _check_unchanged(self) -> None:
+        if self.opened is not None and self.opened.was_replaced():
+            raise UnshutterError("{photo} was changed or replaced after it was opened: open it again", photo=self)
+
+    @property
+    def _file(self) -> Path:
+        """The file, from whatever working folder."""
+        assert isinstance(self.place, Path)
+        return self.place if self.opened is None else self.opened.path
 
 
 _forked = False  # whether this process was forked from one that had loaded libvips

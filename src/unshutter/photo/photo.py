@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,7 +22,8 @@ from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, Wr
 from unshutter.photo.libvips import Source, as_image, with_bands
 from unshutter.photo.saving import FileOutput
 from unshutter.readout_time import ReadoutTime
-from unshutter.storage.files import Times, times_of
+from unshutter.storage.files import Times
+from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -59,6 +61,8 @@ class Photo(FileOutput):
         bands: number of channels, including alpha.
         orientation: EXIF orientation 1-8 of the stored pixels.
         path: the file that it was read from, if any.
+        opened: that file as it was when it was opened.
+        made_from: the files that it was made from, none of which it may replace.
     """
 
     format: str
@@ -71,8 +75,9 @@ class Photo(FileOutput):
     _coding: Coding = field(repr=False)
     _metadata: Metadata = field(repr=False)
     _new_pixels: np.ndarray | None = field(repr=False, default=None)  # pixels that differ from the source's
-    _times_ns: Times | None = field(repr=False, default=None)  # of its file, before it was read
+    opened: Opened | None = field(repr=False, default=None)  # its file, before it was read
     given: np.ndarray | Image | None = field(repr=False, default=None)  # what it was made from, if not from a file
+    made_from: Sequence[Opened] = field(repr=False, default=())
 
     # ---- reading ---------------------------------------------------------------------------------------
 
@@ -84,8 +89,7 @@ class Photo(FileOutput):
             UnshutterError: the file is missing, unreadable, empty, damaged or of no known format, has several pictures,
                 is CMYK, CIELAB or floating point, or has more than ``max_pixels``.
         """
-        times_ns = times_of(Path(path))  # first, because reading changes the access time
-        return replace(cls._from_source(Source(Path(path)), max_pixels), _times_ns=times_ns)
+        return cls._from_source(Source.of_file(Path(path)), max_pixels)
 
     @classmethod
     def from_bytes(cls, data: bytes, max_pixels: int = MAX_PIXELS) -> Photo:
@@ -105,6 +109,8 @@ class Photo(FileOutput):
             _decoder=Decoder(source, header),
             _coding=header.coding,
             _metadata=header.metadata,
+            made_from=() if source.opened is None else (source.opened,),
+            opened=source.opened,
         )
 
     @classmethod
@@ -324,9 +330,9 @@ class Photo(FileOutput):
         Raises:
             UsageError: the photo does not come from a file.
         """
-        if self._times_ns is None:
+        if self.opened is None or self.opened.times_ns is None:
             raise UsageError("only a photo that was read from a file has times that could be kept")
-        return self._times_ns
+        return self.opened.times_ns
 
     def upright(self, longest_px: int = 0) -> np.ndarray:
         """Returns the photo as shown by a viewer: [H, W, 3] uint8 sRGB, upright, on white if transparent.
@@ -378,15 +384,25 @@ def open_photo(argument: Any) -> Photo:
         return Photo.open(argument)
     if isinstance(argument, (bytes, bytearray, memoryview)):
         return Photo.from_bytes(bytes(argument))
+    made_from = files_behind(argument)
     if callable(getattr(argument, "read", None)):
         data = argument.read()
         if not isinstance(data, bytes):
             raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
-        return Photo.from_bytes(data)
+        return replace(Photo.from_bytes(data), made_from=made_from)
     import numpy as np
 
     photo = Photo.from_array(_pixels(argument))
-    return replace(photo, given=argument if _is_pillow(argument) else np.asarray(argument))
+    given = argument if _is_pillow(argument) else np.asarray(argument)
+    return replace(photo, given=given, made_from=made_from)
+
+
+def files_behind(argument: Any) -> Sequence[Opened]:
+    """Returns the files behind an argument that :func:`open_photo` takes."""
+    if isinstance(argument, Photo):
+        return argument.made_from
+    opened = Opened.behind(argument)
+    return () if opened is None else (opened,)
 
 
 def check_size(height: int, width: int, subject: str = "the photo", **files: object) -> None:

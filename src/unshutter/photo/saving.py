@@ -19,6 +19,8 @@ from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
 from unshutter.storage.files import Times, check_target, written_whole
+from unshutter.storage.locations import RunFiles
+from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
     import pyvips
@@ -51,6 +53,8 @@ class FileOutput(ABC):
 
     format: str
     path: Path | None
+    opened: Opened | None
+    made_from: Sequence[Opened]
 
     @property
     @abstractmethod
@@ -116,15 +120,21 @@ class FileOutput(ABC):
         """
         options, target = from_keywords(Save, locals()), Path(path)
         format = of_target(target)
-        check_target(target, overwrite, self.path)
+        check_result(target, overwrite, self.made_from)
         return write_photo(self, target, format, options, overwrite)
+
+
+def check_result(target: Path, overwrite: bool, made_from: Sequence[Opened]) -> None:
+    """Checks that a result may be written: none of the files that it was made from is replaced."""
+    RunFiles(reads=made_from).check(target)
+    check_target(target, overwrite)
 
 
 def write_photo(photo: FileOutput, target: Path, format: WrittenFormat, save: Save, overwrite: bool) -> tuple[str, ...]:
     """Writes a photo as :meth:`FileOutput.save` does, without checking the target first."""
     times_ns = photo.times_ns if save.keep_times else None
     picture, left_out = photo._picture_for(format, save)  # decodes: damage is found before writing
-    with written_whole(target, overwrite, mode_of=photo.path, times_ns=times_ns) as part:
+    with written_whole(target, overwrite, mode_of=photo.opened and photo.opened.path, times_ns=times_ns) as part:
         with refusing(f"cannot write {target}"):
             format.encode(picture, part)
         with part.open("r+b") as stream:

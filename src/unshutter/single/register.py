@@ -20,6 +20,7 @@ from unshutter import errors
 from unshutter.errors import MissingFileError, UnshutterError, UsageError, suggestion
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.single import Method
+from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -101,7 +102,6 @@ def weights_file(name: str) -> Path | None:
     return Path(weights) if weights else None
 
 
-@lru_cache(maxsize=4)
 def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     """Returns the estimator with that name, ready for any number of photos; built once per process.
 
@@ -122,9 +122,15 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     own, _, weights = name.partition("@")
     if weights and not Path(weights).is_file():
         raise MissingFileError(f"cannot read weights {weights}: no such file")
+    return _built(own, Opened.at(weights) if weights else None)
+
+
+@lru_cache(maxsize=4)
+def _built(own: str, file: Opened | None) -> Estimator:
+    """Builds an estimator, once for each file of weights, and again when the file is replaced."""
     entry = method(own)
-    estimator = _class_of(entry)(entry, Path(weights) if weights else entry.weights)
-    if weights:
+    estimator = _class_of(entry)(entry, file.path if file else entry.weights)
+    if file:
         estimator.prepare()  # rejects a bad file here rather than at the first photo
     return estimator
 

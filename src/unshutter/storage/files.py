@@ -208,13 +208,9 @@ _parts: set[Path] = set()  # temporary files of this process
 Times: TypeAlias = tuple[int, int]  # of the last access and the last modification [ns]
 
 
-def check_target(target: Path, overwrite: bool, original: Path | None = None) -> None:
-    """Checks that a file may be written, before its contents are computed; an original is never replaced."""
+def check_target(target: Path, overwrite: bool) -> None:
+    """Checks that a file may be written, before its contents are computed."""
     try:
-        if original is not None and target.exists() and original.exists() and target.samefile(original):
-            raise UnshutterError(
-                "{target} is the original, which is never overwritten: choose another name", target=target
-            )
         if target.is_dir():
             raise UnshutterError("cannot write {target}: it is a folder", target=target)
         _check_no_link(target)
@@ -267,14 +263,6 @@ def written_whole(
         _parts.discard(part)
         if held is not None:
             os.close(held)
-
-
-def times_of(path: Path) -> Times | None:
-    """Returns the times of a file's last access and modification [ns]; None if there is no file."""
-    with suppress(OSError, ValueError):
-        status = path.stat()
-        return status.st_atime_ns, status.st_mtime_ns
-    return None
 
 
 def remove_leftovers(folder: Path) -> int:

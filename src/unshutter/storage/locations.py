@@ -29,6 +29,7 @@ from unshutter import errors
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage import files
 from unshutter.storage.files import Times, check_target, exists, remove_leftovers, written_whole
+from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -265,14 +266,19 @@ class RunFiles:
     examined only when a result's name exists.
 
     Inputs and outputs that options name (options/fields.py) are collected, and the outputs checked: UnshutterError if
-    one is an input or behind a link, UsageError if two are one file. ``reads`` are other files that the run reads.
+    one is an input or behind a link, UsageError if two are one file. ``reads`` are other files that the run reads;
+    those that were opened already are recognised under any name that they have been given since.
     Below the output folders that the user named, links are not followed; links above them are part of the name that the
     user chose.
     """
 
-    def __init__(self, *options: Any, reads: Iterable[Place | None] = (), folders: Iterable[Place | None] = ()):
+    def __init__(
+        self, *options: Any, reads: Iterable[Place | Opened | None] = (), folders: Iterable[Place | None] = ()
+    ):
         named = [place(value) for each in options for _, value in _values(each, "input")]
-        self._inputs = [each for each in (*reads, *named) if each is not None]
+        inputs = [each for each in (*reads, *named) if each is not None]
+        self._opened = [each for each in inputs if isinstance(each, Opened)]
+        self._inputs = [each.path if isinstance(each, Opened) else each for each in inputs]
         self._folders = [each for each in folders if isinstance(each, Path)]
         self._looked_at: set[Place] = set()  # folders without links in their paths
         self._outputs: dict[_Name, str] = {}
@@ -333,7 +339,10 @@ class RunFiles:
 
     def _is_input(self, target: Place) -> bool:
         if isinstance(target, Path):
-            return os.path.lexists(target) and not self._input_names.isdisjoint(self._names(target))
+            if not os.path.lexists(target):
+                return False
+            moved = any(each.is_at(target) for each in self._opened)
+            return moved or not self._input_names.isdisjoint(self._names(target))
         archive = file_below(str(target))
         return object_behind(target) in self._input_names or (archive is not None and self._is_input(archive))
 
