@@ -1,4 +1,4 @@
-"""Progress shown while many photos are processed: a bar on a terminal, with messages above it."""
+"""Messages for the user on standard error, and progress while many photos are processed: a bar on a terminal."""
 
 from __future__ import annotations
 
@@ -12,12 +12,23 @@ _T = TypeVar("_T")
 Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
 
 
+def tell(line: str) -> None:
+    """Prints one line for the user on standard error, if the process has one; control characters are escaped."""
+    if _has_standard_error():  # otherwise print would take standard output, which is for results
+        print(visible(line), file=sys.stderr)
+
+
+def _has_standard_error() -> bool:
+    """Whether there is a standard error: a service, or Python without a window, may start with none."""
+    return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
+
+
 class Progress:
     """A progress bar on standard error; shows nothing if that is not a terminal or there is only one item."""
 
     def __init__(self, total: int, what: str = "photos"):
         self._bar: Any = None
-        if total > 1 and sys.stderr.isatty():
+        if total > 1 and _has_standard_error() and sys.stderr.isatty():
             self._bar = _bar()
             self._task = self._bar.add_task(what, total=total, rate="")
             self._bar.start()
@@ -37,11 +48,10 @@ class Progress:
 
     def tell(self, line: str) -> None:
         """Prints one line for the user, above the bar if there is one; control characters are escaped."""
-        line = visible(line)
         if self._bar is not None:
-            self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
+            self._bar.console.print(visible(line), markup=False, highlight=False, soft_wrap=True)
         else:
-            print(line, file=sys.stderr)
+            tell(line)
 
 
 class Steps:

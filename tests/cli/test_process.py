@@ -107,3 +107,37 @@ def test_an_estimate_onto_a_full_disc_is_told_in_one_line(tmp_path: Path, rollin
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].endswith("No space left on device") and "unexpected" not in done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell that closes streams")
+@pytest.mark.parametrize("closed", ["2>&-", "1>&- 2>&-", "0<&- 1>&- 2>&-"])
+def test_photos_are_rectified_without_standard_streams(closed: str, photo: Path, tmp_path: Path) -> None:
+    """As services start programs; what libraries print must not get into a file that takes the stream's number."""
+    (tmp_path / "b.jpg").write_bytes(photo.read_bytes())
+    command = (
+        f'"{sys.executable}" -m unshutter rectify "{photo}" "{tmp_path / "b.jpg"}" -o "{tmp_path / "out"}" {closed}'
+    )
+    done = subprocess.run(["sh", "-c", command], stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0 and done.stdout == ""
+    for name in ("street.rectified.jpg", "b.rectified.jpg"):
+        assert Photo.open(tmp_path / "out" / name).to_array().size
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell that closes streams")
+def test_messages_never_reach_standard_output(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.png"
+    Photo.from_array(np.full((300, 400, 3), 90, np.uint8)).save(plain)
+    command = f'"{sys.executable}" -m unshutter estimate "{plain}" 2>&-'
+    done = subprocess.run(["sh", "-c", command], stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0 and json.loads(done.stdout)["format"] == "unshutter-motion/1"
+
+
+def test_main_needs_no_standard_error(
+    photo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As in a program without a window, which calls `main` itself."""
+    monkeypatch.setattr(sys, "stderr", None)
+    (tmp_path / "b.jpg").write_bytes(photo.read_bytes())
+    assert main(["rectify", str(photo), str(tmp_path / "b.jpg"), "-o", str(tmp_path / "out")]) == 0
+    assert main(["rectify", str(photo), "-o", str(tmp_path / "out" / "street.rectified.jpg")]) == 1
+    assert capsys.readouterr().out == ""

@@ -18,6 +18,7 @@ from typing import NoReturn
 from unshutter import errors
 from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UnshutterError, UsageError, suggestion
+from unshutter.progress import tell
 from unshutter.version import __version__
 
 
@@ -35,6 +36,20 @@ def stop_on_signals() -> None:
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         if number is not None and signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, _stop)
+
+
+def open_missing_streams() -> None:
+    """Opens the null device for each standard stream that the process was started without.
+
+    Otherwise the next file that is opened takes its number, and what a library prints would be written into it.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number is this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 (until the process ends)
 
 
 def _stop(number: int, _frame: object) -> None:
@@ -60,6 +75,7 @@ _ABOUT = "Removes rolling-shutter distortion from photos and video. Originals ar
 def run() -> NoReturn:
     """Runs the program: calls :func:`main` and exits with its exit code."""
     stop_on_signals()
+    open_missing_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # not every file name is printable on every terminal
             stream.reconfigure(errors="backslashreplace")
@@ -86,7 +102,8 @@ def main(words: list[str] | None = None) -> int:
     except UnshutterError as error:
         return _say(str(error), 1)
     except BrokenPipeError:  # the process reading our output has exited
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if sys.stdout is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # for example, output goes to a full disc
         what = error.strerror or str(error)
@@ -169,5 +186,5 @@ def _help() -> str:
 
 def _say(message: str, code: int) -> int:
     with suppress(OSError):  # the terminal is closed
-        print(f"unshutter: {message}", file=sys.stderr)
+        tell(f"unshutter: {message}")
     return code

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.cli.arguments import Command
-from unshutter.errors import UsageError, extra, visible
+from unshutter.errors import UsageError, extra
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, RectifyClip
 from unshutter.options.fields import positional
+from unshutter.progress import tell
 from unshutter.reasons import Code
 from unshutter.run.inputs import PHOTO_SUFFIXES, film_name
 
@@ -60,9 +60,9 @@ def run(arguments: Arguments) -> int:
             on_rate=lambda before, after: bars.tell(_rate_line(before, after, arguments.options.encode)),
         )
     for line in _lines_of(outcome):
-        print(visible(line), file=sys.stderr)
+        tell(line)
     if arguments.options.preview is not None and outcome.written:
-        print(visible(f"before and after: {arguments.options.preview}"), file=sys.stderr)
+        tell(f"before and after: {arguments.options.preview}")
     return 0
 
 

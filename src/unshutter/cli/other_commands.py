@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from unshutter.cli import Stopped, command_named, summaries
 from unshutter.cli.arguments import HELP_ALL, Command, add_arguments
-from unshutter.errors import UnshutterError, visible
+from unshutter.errors import UnshutterError
 from unshutter.options import Find, Reference, option
 from unshutter.options.fields import positional
 from unshutter.page.settings import Settings
+from unshutter.progress import tell
 from unshutter.single.register import as_text, names
 from unshutter.storage.locations import RunFiles
 
@@ -108,7 +108,7 @@ def _map(arguments: Map) -> int:
 
     motion = map_file(**vars(arguments))
     note = f" (changes nothing: {motion.reason})" if motion.reason else ""
-    print(visible(f"{arguments.source} -> {arguments.output}{note}"), file=sys.stderr)
+    tell(f"{arguments.source} -> {arguments.output}{note}")
     return 0
 
 
@@ -155,7 +155,7 @@ def _points(arguments: Points) -> int:
     motion, first = Motion.load(arguments.motion), float(arguments.first_pixel)
     total, unseen = move_file(motion, arguments.table, arguments.output, arguments.inverse, first, arguments.overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""
-    print(visible(f"{arguments.table} -> {arguments.output}: {total} points{note}"), file=sys.stderr)
+    tell(f"{arguments.table} -> {arguments.output}: {total} points{note}")
     return 0
 
 

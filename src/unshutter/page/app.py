@@ -6,7 +6,6 @@ import asyncio
 import json
 import os
 import secrets
-import sys
 from collections.abc import AsyncIterator, Callable, Mapping
 from functools import partial
 from importlib.util import find_spec
@@ -32,6 +31,7 @@ from unshutter.page.opened import Kind
 from unshutter.page.saves import Item, Saving, Savings, To, photo_result
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
+from unshutter.progress import tell
 from unshutter.run.inputs import motion_name, unchanged_name
 from unshutter.version import __version__
 
@@ -396,7 +396,7 @@ async def _refusal(request: Request, error: Exception) -> Response:
         return _line(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):
         raise error
-    print(f"unshutter: unexpected {type(error).__name__} (UNSHUTTER_DEBUG=1 shows more)", file=sys.stderr)
+    tell(f"unshutter: unexpected {type(error).__name__} (UNSHUTTER_DEBUG=1 shows more)")
     return _line(f"unexpected {type(error).__name__}: please report it", 500)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.options import Estimate, Find, Rectify, Run, Undo
+from unshutter.progress import tell
 from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
 from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
@@ -95,12 +95,12 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
         count += 1
         print(visible(f"{job.source} -> {job.target}"))
     for reason in refused:
-        print(visible(f"unshutter: {reason}"), file=sys.stderr)
+        tell(f"unshutter: {reason}")
     if inputs.passed_over:
-        print(f"unshutter: {inputs.not_taken()}", file=sys.stderr)
+        tell(f"unshutter: {inputs.not_taken()}")
     photos = "1 photo" if count == 1 else f"{count} photos"
     line = f"{photos} to do, {len(plan.finished)} finished already, {len(refused)} refused"
-    print(f"unshutter: {line}; nothing was written", file=sys.stderr)
+    tell(f"unshutter: {line}; nothing was written")
     return 1 if refused else 0
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.photo import PREVIEW
-from unshutter.progress import Progress, rate
+from unshutter.progress import Progress, rate, tell
 from unshutter.reasons import Cause, Code, pixels
 from unshutter.run.inputs import MADE_BY_US, Inputs
 from unshutter.run.work import Job, Outcome, PreviewError, open_photo
@@ -224,7 +223,7 @@ def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
 def exit_code(failed: int, total: int) -> int:
     """Returns 1 if something failed, and prints how many photos did."""
     if failed:
-        print(f"unshutter: {failed} of {total} photos failed", file=sys.stderr)
+        tell(f"unshutter: {failed} of {total} photos failed")
     return 1 if failed else 0
 
 
