@@ -1,5 +1,6 @@
 """Errors: one line each, with files by names that suit the reader, also from another process."""
 
+import ast
 import pickle
 import re
 from pathlib import Path
@@ -7,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from unshutter import UnshutterError, UsageError
+from unshutter.cli import COMMANDS, command_named
 from unshutter.errors import MissingFileError, UnknownRatioError, errors_in_one_line
+from unshutter.options.fields import errors_in_python, options_of
+from unshutter.page.settings import refusal
 from unshutter.reasons import Code, Reason
 
 ROOT = Path(__file__).parent.parent
@@ -82,3 +86,31 @@ def test_no_message_is_rewritten_or_asked() -> None:
     bad = re.compile(r"type\(error\)\(|str\(error\)\.(replace|remove)|in str\(error\)|str\(error\) ==")
     for file in sorted((ROOT / "src").rglob("*.py")):
         assert not bad.search(file.read_text(encoding="utf-8")), file
+
+
+def test_options_are_spelled_as_each_interface_spells_them() -> None:
+    error = UsageError("{--min-confidence} must lie between 0 and 1, not as in {photo}", photo=Path("{--jobs}.jpg"))
+    assert str(error) == "--min-confidence must lie between 0 and 1, not as in {--jobs}.jpg"
+    with pytest.raises(UsageError) as raised, errors_in_python():
+        raise error
+    assert str(_sent(raised.value)) == "min_confidence must lie between 0 and 1, not as in {--jobs}.jpg"
+    answer = refusal(UsageError("give {--readout-ms}, or see {--max-mb}\n"))
+    assert answer == {
+        "error": "give readout-ms, or see --max-mb\\n",
+        "said": ["give ", "readout-ms", ", or see ", "max-mb", "\\n"],
+    }
+
+
+def test_errors_name_options_as_fields() -> None:
+    """A flag in the text of an error would be shown to people who have no command line."""
+    commands = [command_named(name) for name in COMMANDS]
+    known = {option.name for command in commands for option in options_of(command.arguments)}
+    for file in sorted((ROOT / "src").rglob("*.py")):
+        for call in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            name = getattr(call.func, "id", getattr(call.func, "attr", "")) if isinstance(call, ast.Call) else ""
+            if name.endswith("Error") or name in ("with_advice", "option"):
+                texts = [each.value for each in ast.walk(call) if isinstance(each, ast.Constant)]
+                said = re.sub(r"`[^`]*`|\(see .*--help\)|pip install.*", "", "".join(map(str, texts)))
+                assert not re.search(r"(?<!\{)--[a-z]{2,}", said.replace("shtab knows no : ", "")), (file, said)
+                named = set(re.findall(r"\{--([a-z-]+)\}", said))
+                assert named <= known, (file, named - known)

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -19,13 +19,23 @@ if TYPE_CHECKING:
 
 
 # Names of files and methods may contain line breaks and terminal control codes.
-_FIELD = re.compile(r"\{(\w+)\}")
+_FIELD = re.compile(r"\{(--)?(\w[\w-]*)\}")  # of a message: an option or a file
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
 def visible(text: str) -> str:
     """Escapes line breaks and control characters, so that the text fits on one line and cannot affect a terminal."""
     return text.translate(_VISIBLE)
+
+
+_LONGEST_VALUE = 60  # characters
+
+
+def shortened(value: object) -> str:
+    """Returns a value for a message: its beginning and end if it is long."""
+    text = str(value)
+    half = _LONGEST_VALUE // 2
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:half]}...{text[-half:]}"
 
 
 def suggestion(word: str, choices: Iterable[str]) -> str:
@@ -37,6 +47,21 @@ def suggestion(word: str, choices: Iterable[str]) -> str:
     return f"did you mean {close[0]}?" if close else ""
 
 
+def as_flag(option: str) -> str:
+    """Spells the name of an option as on the command line: ``--readout-ms``."""
+    return f"--{option}"
+
+
+def as_keyword(option: str) -> str:
+    """Spells the name of an option as in Python: ``readout_ms``."""
+    return option.replace("-", "_")
+
+
+def with_options(text: str, spell: Callable[[str], str] = as_flag) -> str:
+    """Spells the options that a text names in braces, ``{--readout-ms}``."""
+    return _FIELD.sub(lambda field: spell(field[2]) if field[1] else field[0], text)
+
+
 class UnshutterError(Exception):
     """The input cannot be processed; the message is one line for the user (exit code 1).
 
@@ -44,6 +69,10 @@ class UnshutterError(Exception):
     its own ``names`` (path -> name) for them: the command line shows paths, the page says "the photo".
 
         raise UnshutterError("{photo} is empty (0 bytes)", photo=path)
+
+    Options are fields, too, with two dashes; each interface sets how it spells them (``spell``):
+
+        raise UsageError("give {--readout-ms} or {--readout-ratio}, not both")
 
     ``subject`` is the path of the file being processed: a message that does not mention it is prefixed with it.
     """
@@ -53,22 +82,45 @@ class UnshutterError(Exception):
         self.files = {field: str(file) for field, file in files.items()}
         self.subject = ""
         self.names: dict[str, str] = {}
+        self.spell = as_flag
+
+    @property
+    def _template(self) -> str:
+        """The message with its fields."""
+        return str(self.args[0]) if self.args else ""
+
+    @property
+    def pieces(self) -> list[str]:
+        """The line with the names of its files, taken apart: text and names of options in turn."""
+        pieces, at, message = [self._start], 0, self._template
+        for field in _FIELD.finditer(message):
+            pieces[-1] += message[at : field.start()]
+            at = field.end()
+            if field[1]:
+                pieces += [field[2], ""]
+            else:
+                path = self.files.get(field[2])
+                pieces[-1] += field[0] if path is None else self.names.get(path, path)
+        pieces[-1] += message[at:]
+        return pieces
+
+    @property
+    def _start(self) -> str:
+        """The name of the subject and a colon; empty if the message mentions it."""
+        starts = self.subject and self.subject not in self.files.values()
+        return f"{self.names.get(self.subject, self.subject)}: " if starts else ""
+
+    @property
+    def _line(self) -> str:
+        return "".join(self.spell(piece) if k % 2 else piece for k, piece in enumerate(self.pieces))
 
     @property
     def sentence(self) -> str:
-        """The message with its fields replaced by file names."""
-
-        def name(field: re.Match[str]) -> str:
-            path = self.files.get(field[1])
-            return field[0] if path is None else self.names.get(path, path)
-
-        message = str(self.args[0]) if self.args else ""
-        return _FIELD.sub(name, message) if self.files else message
+        """The message with the names of its files and options, without the subject in front."""
+        return self._line.removeprefix(self._start)
 
     def __str__(self) -> str:
-        starts = self.subject and self.subject not in self.files.values()
-        about = self.names.get(self.subject, self.subject)
-        return visible(f"{about}: {self.sentence}" if starts else self.sentence)
+        return visible(self._line)
 
 
 class MissingFileError(UnshutterError, FileNotFoundError):
@@ -106,9 +158,9 @@ class UnknownRatioError(UnshutterError):
         self.reason = Reason.stated(message) if reason is None else reason
 
     @property
-    def sentence(self) -> str:
+    def _template(self) -> str:
         """The message followed by the advice."""
-        return f"{super().sentence}: {self.advice}" if self.advice else super().sentence
+        return f"{super()._template}: {self.advice}" if self.advice else super()._template
 
     @classmethod
     def because(cls, cause: Reason) -> Self:
@@ -160,10 +212,6 @@ def _about(line: str, subject: object) -> UnshutterError:
     return error
 
 
-LAB_METHODS = {"kandula2020", "rengarajan2017", "rengarajan2017-vanilla", "rengarajan2016", "purkait2017", "lao2018"}
-LAB_COMMANDS = {"synthesize", "evaluate", "train", "calibrate"}
-
-
 def plugins(group: str) -> EntryPoints:
     """Returns the entry points of installed packages in ``unshutter.estimators`` or ``unshutter.commands``."""
     from importlib.metadata import entry_points  # slow to import, and rarely needed
@@ -182,6 +230,13 @@ def lab(name: str = "") -> str:
     sources = _sources()
     package = str(sources / "lab") if sources else "unshutter-lab"
     return f"pip install {shlex.quote(f'{package}[{name}]' if name else package)}"
+
+
+def choices(word: str, known: Iterable[str], group: str) -> str:
+    """Suggests a name instead of an unknown one; ``group`` is that of the packages which may add more."""
+    known = list(known)
+    more = "" if plugins(group) else f"; unshutter-lab adds more: {lab()}"
+    return suggestion(word, known) or f"choose one of {', '.join(known)}{more}"
 
 
 def _sources() -> Path | None:

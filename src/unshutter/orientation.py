@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UsageError
+from unshutter.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +36,7 @@ class Readout(StrEnum):
             return cls(word)
         except ValueError:
             choices = ", ".join(["auto", *cls])
-            raise UsageError(f"unknown readout direction '{word}': choose one of {choices}") from None
+            raise UsageError(f"unknown readout direction '{shortened(word)}': choose one of {choices}") from None
 
     @property
     def quarter_turns(self) -> int:

@@ -12,9 +12,10 @@ import unshutter
 from unshutter.cli.arguments import parse
 from unshutter.cli.clip_command import COMMAND as VIDEO
 from unshutter.cli.photo_commands import RECTIFY
+from unshutter.errors import as_keyword, with_options
 from unshutter.options import Camera, Rectify, Undo
 from unshutter.options.clip_options import RectifyClip
-from unshutter.options.fields import Option, in_python, options_of
+from unshutter.options.fields import Option, options_of
 from unshutter.page.settings import fields, page_module, read, read_clip
 
 PHOTO = {option.key: option.default for option in options_of(Rectify)}
@@ -46,7 +47,7 @@ def test_python_has_the_command_lines_defaults(name: str) -> None:
 def test_an_option_is_on_every_surface_with_its_help(option: Option, capsys: pytest.CaptureFixture[str]) -> None:
     help = " ".join(option.help.split())
     assert option.key in inspect.signature(unshutter.rectify).parameters
-    assert in_python(help) in " ".join((unshutter.rectify.__doc__ or "").split())
+    assert with_options(option.about, as_keyword) in " ".join((unshutter.rectify.__doc__ or "").split())
     with pytest.raises(SystemExit):
         parse("rectify", RECTIFY, ["--help-all"])
     assert f"--{option.name} " in (text := capsys.readouterr().out)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import unshutter
-from unshutter.errors import UsageError
+from unshutter.errors import UsageError, as_keyword, with_options
 from unshutter.options import Camera, Clock, Find, Neighbours, Save, Undo
 from unshutter.options.clip_options import ClipUndo, RectifyClip, Steadiness
-from unshutter.options.fields import describe, for_python, from_keywords, in_python, option, options_of
+from unshutter.options.fields import describe, for_python, from_keywords, option, options_of
 
 PHOTO, FRAMES = (Camera, Undo, Find), (Clock, Camera, Undo, Neighbours)
 KINDS: dict[str, tuple[type, ...]] = {
@@ -52,7 +52,7 @@ def test_keywords_have_the_types_defaults_and_help_of_the_options(name: str, kin
         assert parameters[key].kind is inspect.Parameter.KEYWORD_ONLY
         assert parameters[key].default == options[key].default
         assert parameters[key].annotation in (types[key], path, WIDER.get(key))
-        help = " ".join(in_python(options[key].help).split())
+        help = " ".join(with_options(options[key].about, as_keyword).split())
         assert f" {key}: " in source or f" {key}: {help}" in text
     assert all(f" {key}: " in text for key in parameters)
 
@@ -104,9 +104,8 @@ def test_errors_in_python_name_keywords() -> None:
         unshutter.estimate_frames([], readout_ratio=0.5, fps=30)
     with pytest.raises(UsageError, match=r"^level needs stabilize$"):
         unshutter.rectify_clip("in.mp4", "out.mp4", level=True)
-    assert in_python("see `unshutter estimate --candidates`, --zoom-limit") == (
-        "see `unshutter estimate --candidates`, zoom_limit"
-    )
+    with pytest.raises(UsageError, match=r"^min_confidence must lie between 0 and 1, got 2$"):
+        unshutter.rectify(DEMO, min_confidence=2)
 
 
 def test_a_number_of_any_kind_is_a_number() -> None:
@@ -120,7 +119,7 @@ def test_help_is_added_once_for_each_option() -> None:
     class Kind:
         """A kind."""
 
-        one: int = option(1, "The first, see --two-too.")
+        one: int = option(1, "The first, see {--two-too}.")
         two_too: int = option(2, "Not shown.")
 
     @for_python(Kind)

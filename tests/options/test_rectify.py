@@ -32,5 +32,5 @@ def test_what_follows_from_options_for_others() -> None:
 
 
 def test_a_given_motion_has_no_least_confidence() -> None:
-    with pytest.raises(UsageError, match="leave out the minimum confidence"):
+    with pytest.raises(UsageError, match="leave out --min-confidence"):
         Rectify(motion=Path("m.json"), undo=Undo(min_confidence=0.5)).settled()

@@ -49,7 +49,7 @@ def test_nothing_given_is_the_default() -> None:
         ({"no-film": "perhaps"}, "field 'no-film' takes true or false"),
         ({"edges": "round"}, "field 'edges' takes one of auto"),
         ({"readout": "inwards"}, "field 'readout' takes one of"),
-        ({"roll-deg": "90"}, "roll must lie between"),
+        ({"roll-deg": "90"}, "--roll-deg must lie between"),
         ({"quality": "1e9"}, "field 'quality' takes a number"),
         ({"motion": "/etc/passwd"}, "unknown field 'motion'"),
         ({"sequence": "true"}, "unknown field 'sequence'"),

@@ -17,7 +17,7 @@ from typing import NoReturn
 
 from unshutter import errors
 from unshutter.cli.arguments import Command, parse
-from unshutter.errors import UnshutterError, UsageError, suggestion
+from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.progress import tell
 from unshutter.version import __version__
 
@@ -161,12 +161,12 @@ def command_named(name: str) -> Command:
         return getattr(import_module(f"unshutter.cli.{module}"), variable)
     for entry in errors.plugins(_GROUP).select(name=name):
         return entry.load()
-    if name in errors.LAB_COMMANDS:
-        raise UsageError(f"the command '{name}' comes with unshutter-lab: {errors.lab()}")
     if name.startswith("-"):
-        raise UsageError(f"options come after the command: unshutter rectify PHOTO {name} ... (see unshutter --help)")
-    guess = suggestion(name, summaries()) or f"choose one of {', '.join(summaries())}"
-    raise UsageError(f"unknown command '{name}': {guess} (see unshutter --help)")
+        raise UsageError(
+            f"options come after the command: unshutter rectify PHOTO {shortened(name)} ... (see unshutter --help)"
+        )
+    guess = errors.choices(name, summaries(), _GROUP)
+    raise UsageError(f"unknown command '{shortened(name)}': {guess} (see unshutter --help)")
 
 
 def summaries() -> dict[str, str]:

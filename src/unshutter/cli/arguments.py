@@ -14,10 +14,11 @@ import shutil
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
-from unshutter.errors import UsageError, suggestion
+from unshutter.errors import UsageError, shortened, suggestion
 from unshutter.options.fields import Group, Option, describe, options_of, with_values
 from unshutter.storage.files import check_plain
 from unshutter.storage.locations import local_file
@@ -58,7 +59,7 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
     if not _HELP.isdisjoint(words):
         print((parser if HELP_ALL in words else _short_parser(name, command)).format_help())
         raise SystemExit
-    parser.check_flags(words)
+    parser.check_flags(words, command.arguments)
     values = vars(parser.parse_intermixed_args([*_with_bare_values(words, command.arguments), *names]))
     for each in options_of(command.arguments):
         if each.more.get("names") == "input" and not each.several and values[each.key] is not None:
@@ -105,36 +106,36 @@ class _Parser(argparse.ArgumentParser):
         for names, shown in ((("-h", "--help"), "this"), ((HELP_ALL,), "all options")):
             self.add_argument(*names, action="store_true", help=f"show {shown}", default=argparse.SUPPRESS)
 
-    def check_flags(self, words: Sequence[str]) -> None:
-        """Checks that the command has all flags among the words."""
-        known = self._option_string_actions  # argparse offers no public access
+    def check_flags(self, words: Sequence[str], kind: type) -> None:
+        """Checks that a command with these arguments has all flags among the words."""
+        known = {*_HELP, *(_flag(each) for each in options_of(kind) if not _placed(each))}
         for word in words:
             flag = word.partition("=")[0]
             if len(flag) > 2 and flag.startswith("--") and " " not in word and flag not in known:
-                self.error(f"unknown option {flag}: {suggestion(flag, known) or 'leave it out'}")
-
-    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # called by argparse for every value
-        if arg_string == "-":
-            self.error(f"{_name(action)}: '-' is not accepted: give a file name, or leave it out")
-        try:
-            return super()._get_value(action, arg_string)
-        except argparse.ArgumentError:
-            self.error(f"{_name(action)} takes {_KINDS.get(action.type, 'another value')}, not '{arg_string}'")
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:  # likewise
-        if action.choices is not None and value not in action.choices:
-            choices = ", ".join(action.choices)
-            guess = f": {suggestion(value, action.choices)}" if suggestion(value, action.choices) else ""
-            self.error(f"{_name(action)} takes {choices}, not '{value}'{guess}")
+                self.error(f"unknown option {shortened(flag)}: {suggestion(flag, known) or 'leave it out'}")
 
     def error(self, message: str) -> NoReturn:
         message = message.removeprefix("argument ").replace("expected one argument", "needs a value")
         raise UsageError(f"{' '.join(message.split())} (see {self.prog} --help)")
 
 
-def _name(action: argparse.Action) -> str:
-    """Returns the name of an argument in messages: its long flag, or its own name if it has none."""
-    return action.option_strings[0] if action.option_strings else str(action.metavar)
+def _parsed(word: str, option: Option, program: str) -> Any:
+    """Parses a value of an option, for argparse; raises UsageError if it is not one."""
+    name = option.key.upper() if _placed(option) else _flag(option)
+    if word == "-":
+        raise UsageError(f"{name}: '-' is not accepted: give a file name, or leave it out (see {program} --help)")
+    if option.choices:
+        value = option.more.get("also", {}).get(word.lower(), word)
+        if value in option.choices:
+            return value
+        guess = suggestion(value, option.choices)
+        takes = f"{', '.join(option.choices)}, not '{shortened(word)}'{f': {guess}' if guess else ''}"
+        raise UsageError(f"{name} takes {takes} (see {program} --help)")
+    try:
+        return _path(word) if option.type is Path else option.type(word)
+    except ValueError:
+        kind = _KINDS.get(option.type, "another value")
+        raise UsageError(f"{name} takes {kind}, not '{shortened(word)}' (see {program} --help)") from None
 
 
 def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
@@ -143,7 +144,7 @@ def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
     parser = _Parser(name, replace(command, description=command.description.partition("\n")[0]))
     for each in options:
         if _placed(each) or not command.essentials or each.key in command.essentials:
-            names, properties = _argument(each)
+            names, properties = _argument(each, parser.prog)
             properties["help"] = command.essentials.get(each.key, properties["help"])
             if each.choices:
                 properties["metavar"] = "CHOICE"
@@ -166,28 +167,30 @@ def _usage(kind: type) -> str:
     return " ".join([*(f"[{name}]" if each.more.get("optional") else name for each, name in places), "[options]"])
 
 
-def add_arguments(parser: argparse.ArgumentParser, kind: type, group: Any = None) -> None:
+def add_arguments(parser: argparse.ArgumentParser, kind: type, group: Any = None) -> list[argparse.Action]:
     """Adds the arguments of a dataclass to a group, if one is given, with a group for each nested dataclass."""
+    added: list[argparse.Action] = []
     for each in describe(kind):
         if isinstance(each, Group):
-            add_arguments(parser, each.kind, parser.add_argument_group(each.title))
+            added += add_arguments(parser, each.kind, parser.add_argument_group(each.title))
         else:
-            names, properties = _argument(each)
-            (group or parser).add_argument(*names, **properties)
+            names, properties = _argument(each, parser.prog)
+            added.append((group or parser).add_argument(*names, **properties))
+    return added
 
 
-def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
+def _argument(option: Option, program: str) -> tuple[list[str], dict[str, Any]]:
     """Returns the names and properties of an argument for argparse."""
     properties: dict[str, Any] = {"help": option.help.replace("%", "%%")}
     if option.several:
         properties["nargs"] = "*" if option.more.get("optional") else "+"
     if option.type is bool:
         properties["action"] = "store_true"
-    elif option.choices:
-        also = option.more.get("also", {})
-        properties |= {"choices": option.choices, "type": lambda word: also.get(word.lower(), word)}
     else:
-        properties["type"] = _path if option.type is Path else option.type
+        properties["type"] = partial(_parsed, option=option, program=program)
+    if option.choices:
+        properties["choices"] = option.choices
+    elif option.type is not bool:
         properties["metavar"] = option.more.get("metavar") or _METAVAR[option.type]
     if "bare" in option.more:
         properties |= {"nargs": "?", "const": option.more["bare"]}  # shown as [SECONDS]

@@ -47,9 +47,8 @@ def _whole_parser(files: object) -> argparse.ArgumentParser:
     for name, what in summaries().items():
         command = command_named(name)
         parser = commands.add_parser(name, help=what)
-        add_arguments(parser, command.arguments)
         parser.add_argument(HELP_ALL, action="store_true", help="show all options")
-        for action in parser._actions:  # argparse offers no public access, and shtab uses it too
+        for action in add_arguments(parser, command.arguments):
             _complete(action, files)
     return whole
 

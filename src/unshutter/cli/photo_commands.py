@@ -28,7 +28,7 @@ class RectifyPhotos:
         names="results",
     )
     motion: Path | None = option(
-        None, "Undo the motion in this JSON file (from --save-motion) instead of finding one.", names="input"
+        None, "Undo the motion in this JSON file (from {--save-motion}) instead of finding one.", names="input"
     )
     save_motion: str | None = option(
         None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH", names="results"
@@ -55,7 +55,7 @@ def _rectify(arguments: RectifyPhotos) -> int:
         into = Outputs.named(arguments.output, arguments.save_motion, arguments.masks)
         return rectify_files(arguments.photos, into, options, arguments.run)
     except UnknownRatioError as error:
-        raise error.with_advice("give --readout-ratio, or --readout-ms with --fps") from None
+        raise error.with_advice("give {--readout-ratio}, or {--readout-ms} with {--fps}") from None
 
 
 RECTIFY = Command(

@@ -134,8 +134,8 @@ class SequenceOptions:
         """Returns the clock of frames with this number of rows."""
         if self.time is None:
             raise UsageError(
-                "give the readout time: --readout-ratio (readout time / time from frame to frame), or "
-                "--readout-ms with --fps"
+                "give the readout time: {--readout-ratio} (readout time / time from frame to frame), or "
+                "{--readout-ms} with {--fps}"
             )
         return Timing(self.time.value, height)
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from unshutter import errors
-from unshutter.errors import MissingFileError, UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError, shortened
 from unshutter.motion import motion_file
 from unshutter.motion.shapes import Float, Float64, Numbers
 from unshutter.motion.upright import Pose
@@ -302,7 +302,11 @@ class Motion(ABC):
             if kind not in Motion._kinds:
                 _import_method(str(data.get("estimator")))
             if kind not in Motion._kinds:
-                raise UnshutterError(f"this version cannot read motion files of kind '{kind:.40}'")
+                made_by = shortened(data.get("estimator"))
+                raise UnshutterError(
+                    f"cannot read motions of kind '{shortened(kind)}': install the package of the method that found it "
+                    f"({made_by}; {errors.lab()} has research methods), or a newer version"
+                )
             motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
         if height != motion.height:
             raise UnshutterError(f"the motion file states a height of {height} but has {motion.height} rows")
@@ -355,8 +359,6 @@ def _same(one: Any, other: Any) -> bool:
 def _import_method(name: str) -> None:
     """Imports the method of another package that found a motion, and with it the package's kinds of motion."""
     points = errors.plugins("unshutter.estimators").select(name=name)
-    if name in errors.LAB_METHODS and not points:
-        raise UnshutterError(f"the motion file was made by {name}, which comes with unshutter-lab: {errors.lab()}")
     for point in points:
         try:
             import_module(point.load().home.partition(":")[0])

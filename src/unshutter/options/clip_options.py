@@ -66,12 +66,12 @@ class Shutter:
     def __post_init__(self) -> None:
         check_values(self)
         if self.readout_ms is not None and self.readout_ratio is not None:
-            raise UsageError("give --readout-ms or --readout-ratio, not both")
+            raise UsageError("give {--readout-ms} or {--readout-ratio}, not both")
         if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
-            raise UsageError("give a readout time or --camera, not both")
-        check_time("readout", self.readout_ms, "ms")
+            raise UsageError("give {--readout-ms}, {--readout-ratio} or {--camera}: one of them")
+        check_time("readout-ms", self.readout_ms, "ms")
         if self.lens is not None and self.focal_px is not None:
-            raise UsageError("the lens file tells the focal length: leave out --focal-px")
+            raise UsageError("the lens file tells the focal length: leave out {--focal-px}")
         check_ratio(self.readout_ratio)
         check_focal(self.focal_px)
 
@@ -105,7 +105,7 @@ class ClipUndo:
     edges: ClipEdges = option(
         "fill",
         "Pixels outside the original frame: fill them with a mirror image, keep them black, crop all frames "
-        "alike, or, with --model dense, borrow them from the frames before and after. Default: fill.",
+        "alike, or, with {--model} dense, borrow them from the frames before and after. Default: fill.",
     )
     model: FrameModel = option(
         "camera",
@@ -116,9 +116,9 @@ class ClipUndo:
     def __post_init__(self) -> None:
         check_values(self)
         if self.edges == "borrow" and self.model != "dense":
-            raise UsageError("--edges borrow needs --model dense: choose fill, keep or crop without it")
+            raise UsageError("{--edges} borrow needs {--model} dense: choose fill, keep or crop without it")
         if self.edges == "crop" and self.model == "dense":
-            raise UsageError("--model dense cannot crop frames: choose --edges borrow, fill or keep")
+            raise UsageError("{--model} dense cannot crop frames: choose {--edges} borrow, fill or keep")
 
 
 @dataclass(frozen=True)
@@ -134,20 +134,20 @@ class Steadiness:
     )
     zoom_limit: float | None = option(
         None,
-        "Most of the width and height that --stabilize may cut off, in per cent; if that is not enough, it smooths "
+        "Most of the width and height that {--stabilize} may cut off, in per cent; if that is not enough, it smooths "
         f"less. Default: {_ZOOM_LIMIT:g}.",
         metavar="PERCENT",
     )
     level: bool = option(
-        False, "With --stabilize, keep the horizon level. Needs a gyro log that includes acceleration.", page=False
+        False, "With {--stabilize}, keep the horizon level. Needs a gyro log that includes acceleration.", page=False
     )
 
     def __post_init__(self) -> None:
         if self.stabilize is None and (self.zoom_limit is not None or self.level):
-            raise UsageError(f"{'--level' if self.level else '--zoom-limit'} needs --stabilize")
-        check_time("smoothing", self.stabilize, "s")
+            raise UsageError("{--level} needs {--stabilize}" if self.level else "{--zoom-limit} needs {--stabilize}")
+        check_time("stabilize", self.stabilize, "s")
         if self.zoom_limit is not None and not 0 <= self.zoom_limit <= _MOST_ZOOM_LIMIT:
-            raise UsageError(f"--zoom-limit must lie between 0 and {_MOST_ZOOM_LIMIT:g}, got {self.zoom_limit:g}")
+            raise UsageError(f"{{--zoom-limit}} must lie between 0 and {_MOST_ZOOM_LIMIT:g}, got {self.zoom_limit:g}")
 
     @property
     def largest_zoom(self) -> float:
@@ -173,7 +173,7 @@ class Encode:
 
     def __post_init__(self) -> None:
         if self.crf is not None and not 0 <= self.crf <= 63:
-            raise UsageError(f"--crf must lie between 0 and 63, got {self.crf:g}")
+            raise UsageError(f"{{--crf}} must lie between 0 and 63, got {self.crf:g}")
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class RectifyClip:
     start: float | None = option(None, "Start at this second of the clip.", metavar="SECONDS")
     end: float | None = option(None, "Stop at this second of the clip.", metavar="SECONDS")
     motion: Path | None = option(
-        None, "Undo the motion in this file (from --save-motion) instead of finding it.", names="input", page=False
+        None, "Undo the motion in this file (from {--save-motion}) instead of finding it.", names="input", page=False
     )
     save_motion: Path | None = option(
         None, "Also write the clip's motion to this JSON file.", metavar="PATH", names="output", page=False
@@ -219,22 +219,26 @@ class RectifyClip:
 
     def __post_init__(self) -> None:
         if self.motion is not None and not self.shutter.is_empty:
-            raise UsageError("the motion file describes the camera: leave out --readout-ms, --focal-px and the like")
+            raise UsageError(
+                "the motion file describes the camera: leave out {--readout-ms}, {--focal-px} and the like"
+            )
         if self.undo.model == "dense" and (self.motion is not None or self.save_motion is not None):
             raise UsageError(
-                "motion files contain the camera's motion, which --model dense cannot undo: use --model camera"
+                "motion files contain the camera's motion, which {--model} dense cannot undo: use {--model} camera"
             )
         if self.steadiness.level and self.motion is not None:
             raise UsageError(
-                "--level needs the clip's gyro log, which a motion file does not contain: leave out --motion"
+                "{--level} needs the clip's gyro log, which a motion file does not contain: leave out {--motion}"
             )
         if self.straight_lines and self.steadiness.stabilize is not None:
-            raise UsageError("--straight-lines cannot be combined with --stabilize: stabilise the straightened clip")
+            raise UsageError(
+                "{--straight-lines} cannot be combined with {--stabilize}: stabilise the straightened clip"
+            )
         start, end = self.start or 0.0, math.inf if self.end is None else self.end
         if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
-            raise UsageError("--start must be 0 or later, and --end after it, in seconds")
+            raise UsageError("{--start} must be 0 or later, and {--end} after it, in seconds")
         if self.max_pixels < 1:
-            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+            raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
 
     @property
     def may_be_copy(self) -> bool:

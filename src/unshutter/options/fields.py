@@ -11,7 +11,6 @@ import functools
 import inspect
 import numbers
 import os
-import re
 import reprlib
 import textwrap
 import types
@@ -22,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, as_keyword, shortened, with_options
 
 # What an option's value names: files or folders that are read, a file that is written, the place of results (a folder,
 # or one file: only the command knows which files), or none of these.
@@ -36,7 +35,7 @@ def option(default: Any, help: str, **more: Any) -> Any:
 
     Args:
         default: value if the option is not used; ``dataclasses.MISSING`` if it must be given.
-        help: description of the option, for all interfaces.
+        help: description of the option, for all interfaces; names other options as ``{--readout-ms}``.
         more: ``names`` (:data:`Names`), required for paths and text: ``RunFiles`` collects inputs and outputs, and a
             test gives every option that names something written the names of all inputs; ``metavar``, ``choices``,
             ``also`` (other words for them), ``limits`` (minimum and maximum of a number) and ``short`` (``-o``);
@@ -54,10 +53,10 @@ def positional(help: str, names: Names, optional: bool = False) -> Any:
 _LONGEST = 1e9  # of a time, in any unit
 
 
-def check_time(name: str, time: float | None, unit: str) -> None:
-    """Checks a time; None is allowed."""
+def check_time(option: str, time: float | None, unit: str) -> None:
+    """Checks the time that an option takes; None is allowed."""
     if time is not None and not 0 < time <= _LONGEST:
-        raise UsageError(f"the {name} must take a positive time of at most {_LONGEST:g} {unit}, got {time:g} {unit}")
+        raise UsageError(f"{{--{option}}} must be above 0 and at most {_LONGEST:g} {unit}, got {time:g} {unit}")
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class Option:
     key: str  # its name in Python, such as ``roll_deg``
     type: type  # type of its value, or of each value of a list, without None
     default: Any  # value if the option is not used; ``dataclasses.MISSING`` if it is required
-    help: str  # description of the option
+    about: str  # description of the option, with the names of other options in braces
     choices: tuple[str, ...] = ()  # allowed values; empty: any value of the type
     several: bool = False  # whether it takes a list of values
     more: typing.Mapping[str, Any] = field(default_factory=dict)  # further metadata of the field, see :func:`option`
@@ -76,6 +75,11 @@ class Option:
     def name(self) -> str:
         """The name in forms and, after two dashes, on the command line: ``roll-deg``."""
         return self.key.rstrip("_").replace("_", "-")
+
+    @property
+    def help(self) -> str:
+        """Description of the option, for the command line and forms."""
+        return with_options(self.about)
 
     @property
     def limits(self) -> tuple[float, float] | None:
@@ -129,14 +133,10 @@ def check_values(options: Any) -> None:
         value = None if isinstance(each, Group) else getattr(options, each.key)
         if isinstance(each, Group) or value is None:
             continue
-        words = _UNIT.sub("", each.name).replace("-", " ")
         if each.choices and value not in each.choices:
-            raise UsageError(f"{words} must be one of {', '.join(each.choices)}, got {value}")
+            raise UsageError(f"{{--{each.name}}} must be one of {', '.join(each.choices)}, got {shortened(value)}")
         if each.limits and not each.limits[0] <= value <= each.limits[1]:
-            raise UsageError(f"{words} must lie between {each.limits[0]} and {each.limits[1]}, got {value:g}")
-
-
-_UNIT = re.compile("-(deg|percent)$")
+            raise UsageError(f"{{--{each.name}}} must lie between {each.limits[0]} and {each.limits[1]}, got {value:g}")
 
 
 def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
@@ -203,13 +203,13 @@ def for_python(*kinds: type) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        helps = {each.key: each.help for kind in reversed(kinds) for each in options_of(kind)}
+        abouts = {each.key: each.about for kind in reversed(kinds) for each in options_of(kind)}
         head, args, tail = (function.__doc__ or "").partition("Args:\n")
         described, blank, rest = tail.partition("\n\n")
         indent = " " * (len(described) - len(described.lstrip()))
         for name in inspect.signature(function).parameters:
-            if name in helps and f"{indent}{name}: " not in described:
-                text = f"{name}: {in_python(helps[name])}"
+            if name in abouts and f"{indent}{name}: " not in described:
+                text = f"{name}: {with_options(abouts[name], as_keyword)}"
                 described += "\n" + textwrap.fill(
                     text, _WIDTH, initial_indent=indent, subsequent_indent=f"{indent}    "
                 )
@@ -219,19 +219,11 @@ def for_python(*kinds: type) -> Callable[[F], F]:
     return decorate
 
 
-def in_python(text: str) -> str:
-    """Replaces flags by keywords, ``--readout-ms`` by ``readout_ms``, except in commands between backticks."""
-    return _FLAG.sub(lambda found: found[1].replace("-", "_") if found[1] else found[0], text)
-
-
-_FLAG = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")
-
-
 @contextmanager
 def errors_in_python() -> Iterator[None]:
     """Makes UnshutterErrors of the block name keywords instead of flags; also a decorator."""
     try:
         yield
     except UnshutterError as error:
-        error.args = tuple(in_python(each) if isinstance(each, str) else each for each in error.args)
+        error.spell = as_keyword
         raise

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
-from unshutter.errors import UsageError
+from unshutter.errors import UsageError, shortened
 from unshutter.options.fields import check_time, check_values, option
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
@@ -23,7 +23,7 @@ def check_focal(focal_px: float | None, rows: int = 64) -> None:
     """Checks a focal length [px], if any, for a picture of so many rows; by default, the fewest that are accepted."""
     least = rows / _WIDEST
     if focal_px is not None and not least <= focal_px <= _LONGEST_PX:
-        raise UsageError(f"the focal length must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
+        raise UsageError(f"{{--focal-px}} must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
 
 
 Moving = Literal["yes", "left", "right", "up", "down"]
@@ -36,7 +36,7 @@ class Camera:
     readout: str = option(
         "auto",
         "Direction in which the sensor was read out, if an editor has rotated the file. Default: taken from "
-        "--motion or found in the photo, otherwise top-to-bottom.",
+        "{--motion} or found in the photo, otherwise top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(
@@ -80,10 +80,10 @@ class Camera:
     def __post_init__(self) -> None:
         check_values(self)
         if self.candidate is not None and self.candidate < 1:
-            raise UsageError(f"candidates are counted from 1, got {self.candidate}")
+            raise UsageError(f"{{--candidate}} is counted from 1, got {self.candidate}")
         check_focal(self.focal_px)
-        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
-            check_time(name, time, unit)
+        check_time("exposure-s", self.exposure_s, "s")
+        check_time("readout-ms", self.readout_ms, "ms")
 
     @property
     def direction(self) -> Readout:
@@ -103,8 +103,8 @@ class Camera:
         """Checks that only the readout direction is set, as required when no motion is to be found."""
         if self != Camera(self.readout):
             raise UsageError(
-                "focal length, roll, tilt, exposure, readout time, --moving, --no-film and --candidate are for finding "
-                "a motion: leave them out if you give one"
+                "{--focal-px}, {--roll-deg}, {--tilt-deg}, {--exposure-s}, {--readout-ms}, {--moving}, {--no-film} and "
+                "{--candidate} are for finding a motion: leave them out if you give one"
             )
 
 
@@ -130,13 +130,13 @@ Upright = Literal["level", "full"]
 def check_edges(edges: str) -> None:
     """Checks a choice of edges that needs only the photo."""
     if edges not in get_args(Edges) or edges == "borrow":
-        raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
+        raise UsageError(f"{{--edges}} does not take '{shortened(edges)}': choose auto, keep, crop or fill")
 
 
 def check_strength(strength: float) -> None:
     """Checks the share of the motion to undo."""
     if not 0 <= strength <= MOST_STRENGTH:
-        raise UsageError(f"strength must lie between 0 and {MOST_STRENGTH:g}, got {strength:g}")
+        raise UsageError(f"{{--strength}} must lie between 0 and {MOST_STRENGTH:g}, got {strength:g}")
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Undo:
     """How a motion is undone."""
 
     reference: Reference | None = option(
-        None, "Row whose capture time the result shows. Default: taken from --motion, otherwise first."
+        None, "Row whose capture time the result shows. Default: taken from {--motion}, otherwise first."
     )
     strength: float = option(
         1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
@@ -166,7 +166,7 @@ class Undo:
         None,
         "Also turn the photo upright, whether or not the camera moved. level: undo its roll. full: undo its tilt, too, "
         "which makes verticals parallel. Rolls above 8 degrees and tilts above 25 are left, unless you state them with "
-        "--roll-deg and --tilt-deg.",
+        "{--roll-deg} and {--tilt-deg}.",
     )
 
     def __post_init__(self) -> None:
@@ -176,16 +176,16 @@ class Undo:
         """Returns the options with automatic edges set to keep, for results that keep the photo's coordinates."""
         if self.upright:
             raise UsageError(
-                "--upright turns the picture, but masks, motions and sequences keep its coordinates: leave it out"
+                "{--upright} turns the picture, but masks, motions and sequences keep its coordinates: leave it out"
             )
         return replace(self, edges="keep") if self.edges == "auto" else self
 
     def at_any_confidence(self) -> Undo:
         """Returns the options for a motion from the user, which is undone regardless of its confidence."""
         if self.min_confidence:
-            raise UsageError("a given motion is undone whatever its confidence: leave out the minimum confidence")
+            raise UsageError("a given motion is undone whatever its confidence: leave out {--min-confidence}")
         if self.upright:
-            raise UsageError("--upright is for a motion that is found with the photo: leave it out when you give one")
+            raise UsageError("{--upright} is for a motion that is found with the photo: leave it out when you give one")
         return replace(self, min_confidence=0)
 
 
@@ -213,7 +213,7 @@ class Save:
         False, "Write only photos that change. Default: copy the others into the folder, too.", page=False
     )
     keep_names: bool = option(
-        False, "Keep the photos' file names for the results, in the folder set by --output.", page=False
+        False, "Keep the photos' file names for the results, in the folder set by {--output}.", page=False
     )
 
     def __post_init__(self) -> None:
@@ -227,7 +227,8 @@ def check_ratio(ratio: float | None) -> None:
     """Checks a readout ratio; None, for unknown, is allowed."""
     if ratio is not None and not 0 < ratio <= 1:
         raise UsageError(
-            f"the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, got {ratio:g}"
+            "{--readout-ratio} (readout time / time from frame to frame) must be above 0 and at most 1, got "
+            f"{ratio:g}"
         )
 
 
@@ -248,10 +249,10 @@ class Clock:
 
     def __post_init__(self) -> None:
         if self.readout_ratio is not None and self.fps is not None:
-            raise UsageError("give --readout-ratio, or --readout-ms with --fps, not both")
-        for each in (self.readout_ms, self.fps):
-            if each is not None and not 0 < each < math.inf:
-                raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
+            raise UsageError("give {--readout-ratio}, or {--readout-ms} with {--fps}, not both")
+        for name, value in (("readout-ms", self.readout_ms), ("fps", self.fps)):
+            if value is not None and not 0 < value < math.inf:
+                raise UsageError(f"{{--{name}}} must be above 0, got {value:g}")
         check_ratio(self._ratio)
 
     @property
@@ -269,13 +270,13 @@ class Clock:
 def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:
     """Chooses the motion model: as requested, otherwise as other options require; None: as the frames suggest."""
     if model not in (None, *get_args(FrameModel)):
-        raise UsageError(f"unknown model '{model}': choose camera or dense")
+        raise UsageError(f"{{--model}} does not take '{shortened(model)}': choose camera or dense")
     dense, camera = at is not None or undo.edges == "borrow", undo.strength != 1
     if dense and (camera or model == "camera"):
-        wrong = "--model camera" if model == "camera" else "--strength"
-        raise UsageError(f"--at and --edges borrow are for --model dense: leave out {wrong}")
+        wrong = "{--model} camera" if model == "camera" else "{--strength}"
+        raise UsageError(f"{{--at}} and {{--edges}} borrow are for {{--model}} dense: leave out {wrong}")
     if camera and model == "dense":
-        raise UsageError("--model dense undoes the whole motion: leave out --strength")
+        raise UsageError("{--model} dense undoes the whole motion: leave out {--strength}")
     return "dense" if dense else "camera" if camera else model
 
 
@@ -295,7 +296,7 @@ class Neighbours:
     at: float | None = option(
         None,
         "Moment that the result shows, instead of that of a reference row, in frame intervals from the photo's first "
-        "row: with --after, 0.5 is halfway to the next frame.",
+        "row: with {--after}, 0.5 is halfway to the next frame.",
     )
     model: FrameModel | None = option(
         None,
@@ -314,15 +315,15 @@ class Neighbours:
 
     def __post_init__(self) -> None:
         if self.sequence and self:
-            raise UsageError("--sequence already gives each photo its neighbours: leave out --before and --after")
+            raise UsageError("{--sequence} already gives each photo its neighbours: leave out {--before} and {--after}")
         others = self.clock != Clock() or self.at is not None or self.model is not None or self.fallback
         if not (self or self.sequence) and others:
             raise UsageError(
-                "--readout-ratio, --fps, --at, --model and --fallback are for a photo with neighbours: "
-                "name one with --before or --after, or several with --sequence"
+                "{--readout-ratio}, {--fps}, {--at}, {--model} and {--fallback} are for a photo with neighbours: "
+                "name one with {--before} or {--after}, or several with {--sequence}"
             )
         if self.at is not None and not -1 <= self.at <= 1:
-            raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
+            raise UsageError(f"{{--at}} must lie between -1 and 1 frame intervals, got {self.at:g}")
 
     def __bool__(self) -> bool:
         return self.before is not None or self.after is not None

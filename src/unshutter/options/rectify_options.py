@@ -44,23 +44,27 @@ class Rectify:
         if self.neighbours or self.neighbours.sequence:
             self._check_neighbours()
         elif self.undo.edges == "borrow":
-            raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
+            raise UsageError("{--edges} borrow needs a neighbour: name one with {--before} or {--after}")
 
     def _check_neighbours(self) -> None:
         camera, neighbours = self.find.camera, self.neighbours
         if self.motion is not None:
-            raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
+            raise UsageError("{--before}, {--after} and {--sequence} are for finding a motion: leave out {--motion}")
         if (
             replace(camera, readout_ms=None, focal_px=None, no_film=False) != Camera(camera.readout)
             and not neighbours.fallback
         ):
-            raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
+            raise UsageError(
+                "{--roll-deg}, {--tilt-deg}, {--exposure-s} and {--moving} are for single photos: leave them out"
+            )
         if self.undo.upright:
-            raise UsageError("--upright is for single photos: leave it out, or --before, --after and --sequence")
+            raise UsageError(
+                "{--upright} is for single photos: leave it out, or {--before}, {--after} and {--sequence}"
+            )
         if neighbours.at is not None and self.undo.reference is not None:
-            raise UsageError("--at and --reference both set the moment of the picture: choose one")
+            raise UsageError("{--at} and {--reference} both set the moment of the picture: choose one")
         if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:
-            raise UsageError("give both --readout-ms and --fps, or neither")
+            raise UsageError("give both {--readout-ms} and {--fps}, or neither")
         _ = self.readout_time  # raises for impossible numbers
         model_for(neighbours.model, neighbours.at, self.undo)
 
@@ -112,21 +116,21 @@ class Run:
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(
         None,
-        "Give up on a photo that takes longer. Default: 1800 with --jobs, else none.",
+        "Give up on a photo that takes longer. Default: 1800 with {--jobs}, else none.",
         metavar="SECONDS",
     )
 
     def __post_init__(self) -> None:
         if self.timeout is not None and not 0 < self.timeout <= _LONGEST_TIMEOUT_S:
-            raise UsageError(f"--timeout must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
+            raise UsageError(f"{{--timeout}} must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
         if self.timeout is not None and self.scheduler is not None:
-            raise UsageError("--timeout does not apply to the workers of a scheduler: leave it out")
+            raise UsageError("{--timeout} does not apply to the workers of a scheduler: leave it out")
         if self.jobs is not None and self.jobs < 1:
-            raise UsageError(f"--jobs must be at least 1, got {self.jobs}")
+            raise UsageError(f"{{--jobs}} must be at least 1, got {self.jobs}")
         if self.max_pixels < 1:
-            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+            raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
         if self.jobs is not None and self.scheduler is not None:
-            raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one")
+            raise UsageError("{--jobs} is for this machine, {--scheduler} for a cluster: choose one")
 
 
 @dataclass(frozen=True)
@@ -143,10 +147,12 @@ class Estimate:
     reference: Reference = option("first", "Row that the motion is measured from. Default: first.")
     candidates: bool = option(
         False,
-        "List all motions that fit each photo, with kind, probability and expected error. rectify --candidate N undoes "
-        "one of them.",
+        "List all motions that fit each photo, with kind, probability and expected error. `rectify --candidate N` "
+        "undoes one of them.",
     )
-    json: bool = option(False, "With --candidates and without --output, also print them as JSON, with their motions.")
+    json: bool = option(
+        False, "With {--candidates} and without {--output}, also print them as JSON, with their motions."
+    )
     plot: Path | None = option(
         None,
         "Also draw the motion of one photo into this PNG file (needs the extra `plot`).",
@@ -165,6 +171,6 @@ class Estimate:
 
     def __post_init__(self) -> None:
         if self.candidates and (self.plot or self.find.camera.candidate is not None):
-            raise UsageError("--candidates lists all motions: leave out --plot and --candidate")
+            raise UsageError("{--candidates} lists all motions: leave out {--plot} and {--candidate}")
         if self.candidates and self.lines:
-            raise UsageError("--lines gives a single motion: leave out --candidates or --lines")
+            raise UsageError("{--lines} gives a single motion: leave out {--candidates} or {--lines}")

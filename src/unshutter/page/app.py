@@ -23,13 +23,13 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from unshutter import errors
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, visible
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, shortened, visible
 from unshutter.options.clip_options import RectifyClip
 from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.guard import Guard, Limits
 from unshutter.page.opened import Kind
 from unshutter.page.saves import Item, Saving, Savings, To, photo_result
-from unshutter.page.settings import PhotoOptions, page_module, read, read_clip
+from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, refusal
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
 from unshutter.progress import tell
 from unshutter.run.inputs import motion_name, unchanged_name
@@ -357,7 +357,7 @@ def _fields(request: Request) -> dict[str, str]:
 def _moment(request: Request) -> int:
     text = request.query_params.get("moment", "0")
     if not (text.isdecimal() and len(text) == 1 and int(text) < clip_jobs.MOMENTS):
-        raise UsageError(f"'moment' takes 0 to {clip_jobs.MOMENTS - 1}, got '{text:.40}'")
+        raise UsageError(f"'moment' takes 0 to {clip_jobs.MOMENTS - 1}, got '{shortened(text)}'")
     return int(text)
 
 
@@ -365,7 +365,7 @@ def _longest(request: Request) -> int | None:
     """Returns the longer side of the copy to send [px], or None for full size."""
     text = request.query_params.get("longest", "1600")
     if text not in (*_SCREEN_SIDES, _FULL):
-        raise UsageError(f"'longest' takes {', '.join(_SCREEN_SIDES)} or {_FULL}, got '{text:.40}'")
+        raise UsageError(f"'longest' takes {', '.join(_SCREEN_SIDES)} or {_FULL}, got '{shortened(text)}'")
     return None if text == _FULL else int(text)
 
 
@@ -391,7 +391,7 @@ async def _refusal(request: Request, error: Exception) -> Response:
         status = next(status for kind, status in _STATUSES.items() if isinstance(error, kind))
         about = error.reason.as_json() if isinstance(error, UnknownRatioError) else {}
         reason = {name: about[name] for name in ("code", "figures") if name in about}
-        return JSONResponse({"error": str(error), **reason}, status, _HEADERS.get(status))
+        return JSONResponse({**refusal(error), **reason}, status, _HEADERS.get(status))
     if isinstance(error, OSError):  # for example, a full disc
         return _line(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):

@@ -18,7 +18,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.options.clip_options import RectifyClip
 from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.opened import ProgressFile, neighbour_names
-from unshutter.page.settings import PhotoOptions
+from unshutter.page.settings import PhotoOptions, refusal
 from unshutter.page.store import Busy, Desk, Missing, OpenFile, Urgency
 from unshutter.photo.formats import of_suffix
 from unshutter.run.inputs import MOST_BYTES, film_name, fitting, picture_name, unchanged_name
@@ -109,7 +109,7 @@ class Saving:
                 places = self._free_name(photo_result(name, format)), unchanged
                 report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, open_file, *places, options)
         except UnshutterError as error:
-            return {"error": str(error)}
+            return refusal(error)
         except OSError as error:
             return {"error": f"cannot write it: {error.strerror}"}
         if self.to == "zip" and "result" in report:

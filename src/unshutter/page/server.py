@@ -68,7 +68,9 @@ def _listening(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         reason = " ".join((error.strerror or str(error)).split())
-        raise UnshutterError(f"cannot listen on {host}, port {port}: {reason}; --port 0 takes a free port") from None
+        raise UnshutterError(
+            f"cannot listen on {host}, port {port}: {reason}; {{--port}} 0 takes a free port"
+        ) from None
     listener.listen(_MOST_CONNECTIONS)
     return listener
 

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from unshutter.errors import UsageError
+from unshutter.errors import UnshutterError, UsageError, as_flag, shortened, visible
 from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, option
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
@@ -48,22 +48,22 @@ class Settings:
     )
     host: str = option("127.0.0.1", "Address to listen on. Default: 127.0.0.1, this machine only.", names="word")
     i_know: bool = option(
-        False, "With --host: I know that everyone who reaches this address and sees the link can use the page."
+        False, "With {--host}: I know that everyone who reaches this address and sees the link can use the page."
     )
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65_535:
-            raise UsageError(f"--port must lie between 0 and 65535, got {self.port}")
+            raise UsageError(f"{{--port}} must lie between 0 and 65535, got {self.port}")
         if self.max_mb is not None and not 1 <= self.max_mb <= _MOST_MB:
-            raise UsageError(f"--max-mb must lie between 1 and {_MOST_MB}, got {self.max_mb}")
+            raise UsageError(f"{{--max-mb}} must lie between 1 and {_MOST_MB}, got {self.max_mb}")
         if self.max_pixels < 1:
-            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+            raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
         if self.token is not None and not _TOKEN.fullmatch(self.token):
-            raise UsageError("--token needs at least 8 characters, of letters, digits, - and _ only")
+            raise UsageError("{--token} needs at least 8 characters, of letters, digits, - and _ only")
         if self.host not in LOCAL_HOSTS and not self.i_know:
             raise UsageError(
-                f"--host {self.host} lets other machines use the page, and the photos travel there unencrypted: "
-                "add --i-know if that is what you want"
+                f"{{--host}} {self.host} lets other machines use the page, and the photos travel there unencrypted: "
+                "add {--i-know} if that is what you want"
             )
 
     @property
@@ -142,11 +142,26 @@ def fields(kind: type = PhotoOptions) -> Iterator[Option]:
     return (option for option in options_of(kind) if option.on_page)
 
 
+def refusal(error: UnshutterError) -> dict[str, Any]:
+    """Describes an error in a line that names options as forms do.
+
+    If there are any, ``said`` is the line taken apart, text and options in turn: the page shows their labels.
+    """
+    error.spell = _as_field
+    pieces = [visible(piece) for piece in error.pieces]
+    return {"error": str(error), **({"said": pieces} if len(pieces) > 1 else {})}
+
+
+def _as_field(option: str) -> str:
+    known = any(option == each.name for kind in (PhotoOptions, RectifyClip) for each in fields(kind))
+    return option if known else as_flag(option)
+
+
 def _parsed(kind: type[T], form: Mapping[str, str], photo: Callable[[str], Path]) -> T:
     known = {option.name for option in fields(kind)}
     for name in form:
         if name not in known:
-            raise UsageError(f"unknown field '{name:.40}': choose one of {', '.join(sorted(known))}")
+            raise UsageError(f"unknown field '{shortened(name)}': choose one of {', '.join(sorted(known))}")
 
     def value(option: Option) -> Any:
         text = form.get(option.name, "")
@@ -160,14 +175,14 @@ def _parsed(kind: type[T], form: Mapping[str, str], photo: Callable[[str], Path]
 def _value(option: Option, text: str) -> Any:
     if option.type is bool:
         if text.lower() not in (*_YES, *_NO):
-            raise UsageError(f"field '{option.name}' takes true or false, got '{text:.40}'")
+            raise UsageError(f"field '{option.name}' takes true or false, got '{shortened(text)}'")
         return text.lower() in _YES
     if option.choices and text not in option.choices:
-        raise UsageError(f"field '{option.name}' takes one of {', '.join(option.choices)}, got '{text:.40}'")
+        raise UsageError(f"field '{option.name}' takes one of {', '.join(option.choices)}, got '{shortened(text)}'")
     try:
         return option.type(text)
     except ValueError:
-        raise UsageError(f"field '{option.name}' takes a number, got '{text:.40}'") from None
+        raise UsageError(f"field '{option.name}' takes a number, got '{shortened(text)}'") from None
 
 
 @cache

@@ -109,11 +109,11 @@ def estimate_files(request: Estimate) -> int:
     output, overwrite = request.output, request.overwrite
     inputs = find_photos(request.photos, leave_out=output)
     if inputs.many and output is None and not (request.candidates and not request.json):
-        raise UsageError("several photos need --output FOLDER for their motions")
+        raise UsageError("several photos need {--output} FOLDER for their motions")
     if inputs.many and request.plot:
-        raise UsageError("--plot draws the motion of one photo only")
+        raise UsageError("{--plot} draws the motion of one photo only")
     if inputs.many and request.lines:
-        raise UsageError("--lines is for one photo only")
+        raise UsageError("{--lines} is for one photo only")
     register.check_name(request.find.estimator)
     goal = Goal(output) if output else None
     targets = motion_targets(inputs, goal) if goal else {}

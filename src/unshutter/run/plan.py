@@ -154,23 +154,26 @@ def _checked(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Recti
     goal = into.pictures
     in_folder = goal is not None and goal.is_folder(inputs.many)
     if save.format and goal is not None and not in_folder:
-        raise UsageError(f"--format is for folders: the name '{goal.place.name}' already sets the format")
+        raise UsageError(f"{{--format}} is for folders: the name '{goal.place.name}' already sets the format")
     if neighbours and len(inputs.photos) > 1:
-        raise UsageError(f"--before and --after are the neighbours of one photo, but there are {len(inputs.photos)}")
+        raise UsageError(
+            f"{{--before}} and {{--after}} are the neighbours of one photo, but there are {len(inputs.photos)}"
+        )
     if neighbours and run.scheduler is not None:
-        raise UsageError("--before and --after are for this machine: leave out --scheduler")
+        raise UsageError("{--before} and {--after} are for this machine: leave out {--scheduler}")
     if neighbours.sequence and len(inputs.photos) < 2:
-        raise UsageError("--sequence needs several photos: name them in order, or their folder")
+        raise UsageError("{--sequence} needs several photos: name them in order, or their folder")
     if into.masks is not None and undo.edges == "crop":
-        raise UsageError("--masks are for whole pictures: leave out --edges crop")
+        raise UsageError("{--masks} are for whole pictures: leave out {--edges} crop")
     if into.motions is not None and (neighbours or neighbours.sequence):
         if model_for(neighbours.model, neighbours.at, undo) == "dense":
             raise UsageError(
-                "--save-motion needs a motion of the camera alone: leave out --model dense, --at and --edges borrow"
+                "{--save-motion} needs a motion of the camera alone: leave out {--model} dense, {--at} and {--edges} "
+                "borrow"
             )
         request = replace(request, neighbours=replace(neighbours, model="camera"))
     if save.keep_names and not in_folder:
-        raise UsageError("--keep-names needs --output FOLDER for the results")
+        raise UsageError("{--keep-names} needs {--output} FOLDER for the results")
     if into.motions is None and into.masks is None:
         return request
     return replace(request, undo=undo.keeping_coordinates())  # motion files and masks refer to whole pictures
@@ -199,7 +202,7 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
     preview_px = 0 if len(targets) == 1 else SHEET_PX
     for file in (file for pair in targets.items() for file in pair if request.save.keep_times):
         if not isinstance(file, Path):  # only the store sets times of objects
-            raise UsageError(f"--keep-times is for files, and {file} is behind a URL: leave it out")
+            raise UsageError(f"{{--keep-times}} is for files, and {file} is behind a URL: leave it out")
     return [
         Job(
             source=where(photo),
@@ -272,7 +275,7 @@ def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
     if run.manifest is None:
         return into.pictures.place if into.pictures is not None and inputs.many else None
     if not inputs.many:
-        raise UsageError("--manifest is for several photos: leave it out")
+        raise UsageError("{--manifest} is for several photos: leave it out")
     home = Goal(run.manifest)
     home.must_be_folder("the manifest needs")
     return home.place

@@ -178,7 +178,7 @@ def cluster(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise UnshutterError(f"--scheduler needs the extra: {errors.extra('dask')} ({error})") from None
+        raise UnshutterError(f"{{--scheduler}} needs the extra: {errors.extra('dask')} ({error})") from None
     try:
         client = Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

@@ -20,7 +20,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, errors_in_one_line, shortened
 from unshutter.motion import Motion
 from unshutter.reasons import Code, Reason, Worded
 from unshutter.single.estimator import View
@@ -71,7 +71,7 @@ class DrawnLine:
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(LineKind):
-            raise UsageError(f"unknown kind of line '{self.kind!s:.40}': choose upright, level or straight")
+            raise UsageError(f"unknown kind of line '{shortened(self.kind)}': choose upright, level or straight")
         fewest = 3 if self.kind == "straight" else 2
         if not fewest <= len(self.points) <= MOST_POINTS:
             raise UsageError(f"a line that is {self.kind} needs {fewest} to {MOST_POINTS} points")
@@ -94,10 +94,12 @@ def lines_from_json(text: str) -> tuple[DrawnLine, ...]:
 
 def read_lines(path: Path) -> tuple[DrawnLine, ...]:
     """Reads a file of lines."""
-    try:
-        return lines_from_json(read_text(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UnshutterError(f"cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}") from None
+    with errors_in_one_line(path):  # which the messages name, not the photo
+        try:
+            return lines_from_json(read_text(path))
+        except (OSError, UnicodeDecodeError) as error:
+            cause = getattr(error, "strerror", None) or "it is not text"
+            raise UnshutterError(f"cannot read {{file}}: {cause}", file=path) from None
 
 
 def checked_lines(lines: Sequence[DrawnLine]) -> tuple[DrawnLine, ...]:

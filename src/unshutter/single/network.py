@@ -290,8 +290,8 @@ def read_weights(path: Path | None) -> Weights:
         raise WeightsError(f"{_NAME} needs the weights of a network")
     if path.suffix == ".onnx":
         raise WeightsError(
-            f"cannot use the weights {path}: {_NAME} needs an .npz file; `unshutter train` writes it from "
-            f"the checkpoint of the run ({errors.lab('train')})"
+            f"cannot use the weights {path}: {_NAME} needs an .npz file, which training writes next to "
+            f"its checkpoint ({errors.lab('train')})"
         )
     try:
         with zipfile.ZipFile(path) as archive:

@@ -4,7 +4,7 @@ Hypotheses are rows of an array [S, 10]: coefficients of u, u^2, u^3 of t_x [row
 coordinate + 1/2; the camera's roll and tilt [rad]; the logarithm of its focal length [rows]; its yaw against the
 streets [rad]. Coordinates are centred, in rows.
 
-``unshutter calibrate`` (unshutter-lab) measures the network's errors, the odds of motion and the accuracy of answers,
+unshutter-lab measures the network's errors, the odds of motion and the accuracy of answers,
 and writes weights/calibration.json, which names its data.
 """
 
@@ -182,7 +182,7 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Calibration:
-        """Reads a calibration file written by ``unshutter calibrate``."""
+        """Reads a calibration file written by unshutter-lab."""
         fields = json.loads(path.read_text(encoding="utf-8"))
         return cls(
             kinds_of(fields["kinds"]),

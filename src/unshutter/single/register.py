@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter import errors
-from unshutter.errors import MissingFileError, UnshutterError, UsageError, suggestion
+from unshutter.errors import MissingFileError, UnshutterError, UsageError, shortened
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.single import Method
 from unshutter.storage.opened import Opened
@@ -81,10 +81,7 @@ def method(name: str) -> Method:
             return known
     entry = next(iter(errors.plugins(_GROUP).select(name=name)), None)
     if entry is None:
-        if name in errors.LAB_METHODS:
-            raise UsageError(f"estimator '{name}' comes with unshutter-lab: {errors.lab()}")
-        guess = suggestion(name, names()) or f"choose one of {', '.join(names())}"
-        raise UsageError(f"unknown estimator '{name}': {guess}")
+        raise UsageError(f"unknown estimator '{shortened(name)}': {errors.choices(name, names(), _GROUP)}")
     return _loaded(entry)
 
 

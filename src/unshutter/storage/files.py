@@ -108,7 +108,7 @@ class JsonLog:
         self._path = path
         with added_to(path) as descriptor:
             if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
-                raise UnshutterError(f"{path} is not an unshutter log: choose another name for --json-log")
+                raise UnshutterError(f"{path} is not an unshutter log: choose another name for {{--json-log}}")
             if is_torn(descriptor):
                 write_all(descriptor, b"\n")
 
@@ -290,7 +290,7 @@ def _check_no_link(target: Path) -> None:
 
 def exists(target: object) -> UnshutterError:
     """Returns the error for an output that exists and may not be replaced."""
-    return UnshutterError("{target} exists already: use --overwrite to replace it", target=target)
+    return UnshutterError("{target} exists already: use {--overwrite} to replace it", target=target)
 
 
 def _make_and_hold(part: Path, mode: int) -> int | None:

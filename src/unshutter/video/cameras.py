@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
-from unshutter.errors import UsageError
+from unshutter.errors import UsageError, shortened
 from unshutter.readout_time import ReadoutTime
 
 _SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames per second are one mode; 16.7 and 17.7 ms agree
@@ -190,11 +190,13 @@ def find_named(name: str, size: tuple[int, int], rate: float) -> ReadoutTime:
     matches = [mode for mode in known if mode.has_size(size) and mode.has_rate(rate)]
     if not matches:
         modes = ", ".join(dict.fromkeys(mode.mode for mode in known))
-        raise UsageError(f"the table has no time for '{name}' with {this}, only for {modes}: give --readout-ms")
+        raise UsageError(
+            f"the table has no time for '{shortened(name)}' with {this}, only for {modes}: give {{--readout-ms}}"
+        )
     names = {_spelled(mode.name) for mode in matches}
     if len(names) > 1 and not _agree(min(m.least_ms for m in matches), max(m.most_ms for m in matches)):
         several = ", ".join(f"{mode.name} ({mode.time})" for mode in matches)
-        raise UsageError(f"'{name}' with {this} could be {several}: give the full name")
+        raise UsageError(f"'{shortened(name)}' with {this} could be {several}: give the full name")
     time = _range(matches, size, rate)
     assert time is not None
     return time
@@ -231,7 +233,7 @@ def listed(word: str | None = None) -> list[CameraMode]:
     """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None."""
     matches = [mode for mode in table() if is_named(mode.name, word or "")]
     if not matches:
-        raise UsageError(f"the table has no camera called '{word}': `unshutter cameras` lists them")
+        raise UsageError(f"the table has no camera called '{shortened(word)}': `unshutter cameras` lists them")
     return matches
 
 

@@ -310,7 +310,7 @@ def _check_size(place: str, width: int, height: int, most: int) -> None:
     size = f"{width}x{height} px"
     if width * height > most:
         millions = f"({width * height / 1e6:.0f} megapixels), more than the limit of {most / 1e6:g} megapixels"
-        raise UnshutterError(f"{{clip}} has frames of {size} {millions}: see --max-pixels", clip=place)
+        raise UnshutterError(f"{{clip}} has frames of {size} {millions}: see {{--max-pixels}}", clip=place)
     check_size(height, width, "{clip}: a frame", clip=place)
 
 

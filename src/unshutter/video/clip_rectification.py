@@ -86,7 +86,7 @@ def rectify_clip_file(
     clip = Clip.look(path, options.max_pixels)
     end_s = clip.expected.end_s
     if options.start is not None and end_s is not None and options.start >= end_s:
-        raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: --start must come before that", clip=clip.path)
+        raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: {{--start}} must come before that", clip=clip.path)
     clip.expected.check(path, options.end)
     film = _Output.of(clip, options, target)
     pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
@@ -191,7 +191,7 @@ def _straight_view(request: ClipRequest) -> StraightView:
     """Returns the view in which lines are straight; raises UnshutterError if the lens is unknown."""
     if request.lens is None:
         raise UnshutterError(
-            "{clip} shows no lens that bends lines, and none is known for its camera: name one with --lens",
+            "{clip} shows no lens that bends lines, and none is known for its camera: name one with {--lens}",
             clip=request.clip.path,
         )
     height, width = request.frame_size
@@ -210,7 +210,7 @@ def with_steady_views(pipeline: Pipeline) -> Pipeline:
     if pipeline.file_motion is not None and not any(path.middle_steps):
         raise UnshutterError(
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
-            "save it again with --save-motion"
+            "save it again with {--save-motion}"
         )
     up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
@@ -220,11 +220,13 @@ def with_steady_views(pipeline: Pipeline) -> Pipeline:
 def _level_turns(gyro: ClipGyro | None) -> GyroTurns:
     """Returns the turns of a gyro log that gives the direction of gravity; raises UsageError if it does not."""
     if gyro is None:
-        raise UsageError("--level needs a gyro log with acceleration, and the clip has no log: name one with --gyro")
+        raise UsageError(
+            "{--level} needs a gyro log with acceleration, and the clip has no log: name one with {--gyro}"
+        )
     if gyro.turns is None:
-        raise UsageError(f"--level needs the clip's gyro log ({gyro.origin}), which cannot be used: {gyro.reason}")
+        raise UsageError(f"{{--level}} needs the clip's gyro log ({gyro.origin}), which cannot be used: {gyro.reason}")
     if not has_gravity(gyro.turns):
-        raise UsageError(f"--level needs acceleration, which the gyro log ({gyro.origin}) does not have")
+        raise UsageError(f"{{--level}} needs acceleration, which the gyro log ({gyro.origin}) does not have")
     return gyro.turns
 
 

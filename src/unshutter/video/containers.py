@@ -92,7 +92,7 @@ def time_of(packet: Packet) -> float | None:
 def damaged(place: str, at: float | None) -> UnshutterError:
     """Returns the error for a film that is damaged at a given time [s]."""
     where = "" if at is None else f" at {at:.1f} s"
-    return UnshutterError(f"{{clip}} is damaged{where}: use the intact part with --start and --end", clip=place)
+    return UnshutterError(f"{{clip}} is damaged{where}: use the intact part with {{--start}} and {{--end}}", clip=place)
 
 
 def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
@@ -212,7 +212,7 @@ class ExpectedLength:
         problem = self._problem(frames, film_s, all_s, torn)
         if problem is not None:
             until = math.floor(10 * film_s) / 10 if math.isfinite(film_s) else 0.0
-            way = f"; --end {until:.1f} keeps what is there" if until > max(self.start_s, 0.0) else ""
+            way = f"; {{--end}} {until:.1f} keeps what is there" if until > max(self.start_s, 0.0) else ""
             raise UnshutterError(f"{{clip}} {problem}: the file is cut off{way}", clip=path)
 
     def _problem(self, frames: int, film_s: float, all_s: float, torn: bool) -> str | None:

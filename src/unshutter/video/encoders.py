@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import Encode
 from unshutter.video.clip import Clip
@@ -70,7 +70,7 @@ class Encoder:
         if name in _CRF and not rate:
             options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
         elif encode.crf is not None and name not in _CRF:
-            raise UsageError(f"{name} does not support --crf: leave it out")
+            raise UsageError(f"{name} does not support {{--crf}}: leave it out")
         if name == "libx264" and clip.frame_bytes > _LARGE:
             options["rc-lookahead"] = "4"
         if name == "libvpx-vp9":
@@ -111,7 +111,9 @@ def _checked(name: str, clip: Clip) -> str:
     try:
         codec = av().Codec(name, "w")
     except ValueError:
-        raise UnshutterError(f"this FFmpeg has no encoder '{name}': {other_encoders(clip.pixels.name)}") from None
+        raise UnshutterError(
+            f"this FFmpeg has no encoder '{shortened(name)}': {other_encoders(clip.pixels.name)}"
+        ) from None
     if codec.type != "video":
         raise UsageError(f"'{name}' is not a video encoder: choose libx264, libx265, libsvtav1 or prores_ks")
     takes = [each.name for each in codec.video_formats or []]
@@ -128,17 +130,17 @@ def other_encoders(pixel_format: str, but: str = "") -> str:
     """Returns the advice to choose another encoder, and names one that takes such frames."""
     for name in ("libx264", "libx265", "prores_ks", "ffv1", "libx264rgb"):
         if name != but and pixel_format in [each.name for each in av().Codec(name, "w").video_formats or []]:
-            return f"choose another encoder with --codec, such as {name}"
-    return "choose another encoder with --codec"
+            return f"choose another encoder with {{--codec}}, such as {name}"
+    return "choose another encoder with {--codec}"
 
 
 def _speed(name: str, preset: str | None) -> dict[str, str]:
     if preset is None:
         return {}
     if name not in _PRESETS:
-        raise UsageError(f"{name} has no presets: leave out --preset")
+        raise UsageError(f"{name} has no presets: leave out {{--preset}}")
     if preset not in _PRESETS[name]:
-        raise UsageError(f"{name} has no preset '{preset}': choose one of {', '.join(_PRESETS[name])}")
+        raise UsageError(f"{name} has no preset '{shortened(preset)}': choose one of {', '.join(_PRESETS[name])}")
     return {"preset": preset}
 
 

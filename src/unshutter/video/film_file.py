@@ -195,7 +195,7 @@ class FilmWriter:
         except av().error.FFmpegError as error:
             cause = "the disc is full" if error.errno == errno.ENOSPC else error.strerror
             if error.errno == errno.EINVAL:
-                cause = f"{self._kind} does not take its frames or their times; try another --codec, or .mkv"
+                cause = f"{self._kind} does not take its frames or their times; try another {{--codec}}, or .mkv"
             raise UnshutterError(f"cannot encode the clip: {cause}") from None
 
 

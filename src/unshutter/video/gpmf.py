@@ -130,7 +130,7 @@ def telemetry_of(path: str | Path) -> Telemetry | None:
     if not len(rates) and not gyro.damaged:
         return None
     if not len(rates):
-        raise DamagedLogError(f"{path}: the gyro log in the clip is damaged; --gyro off ignores it")
+        raise DamagedLogError(f"{path}: the gyro log in the clip is damaged; {{--gyro}} off ignores it")
     return Telemetry(rates, force.samples())
 
 

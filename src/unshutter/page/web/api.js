@@ -1,5 +1,6 @@
 // What the page asks of the program. Every request carries the token of the link that opened the page.
 
+import { labelOf } from "./described.js";
 import { words } from "./words.js";
 
 const RETRY_MS = 1000;
@@ -59,12 +60,16 @@ export async function ask(path, options = {}) {
 
 async function refusal(answer) {
   try {
-    const { error, code, figures } = await answer.json();
-    return new Refused(answer.status, words.why({ code, figures, reason: error }), code);
+    const told = await answer.json();
+    const { code, figures } = told;
+    return new Refused(answer.status, words.why({ code, figures, reason: lineOf(told) }), code);
   } catch {
     return new Refused(answer.status, `${answer.status} ${answer.statusText}`);
   }
 }
+
+// The line of an error, with the labels of the options that it names.
+export const lineOf = ({ error, said }) => said?.map((piece, k) => (k % 2 ? labelOf(piece) : piece)).join("") ?? error;
 
 export const query = (options) => new URLSearchParams(options).toString();
 export const factsIn = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name));
@@ -87,7 +92,7 @@ export function send(address, file, progress) {
       }
       tell(request.status === 401 ? "old link" : "");
       if (request.status === 201) done(answer.id);
-      else failed(new Refused(request.status, answer.error ?? `${request.status} ${request.statusText}`));
+      else failed(new Refused(request.status, lineOf(answer) ?? `${request.status} ${request.statusText}`));
     });
     request.addEventListener("error", () => {
       tell("gone");

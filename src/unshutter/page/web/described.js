@@ -7,6 +7,10 @@ import { words } from "./words.js";
 const OPTIONS = { photo, clip };
 const readable = (name) => `${name[0].toUpperCase()}${name.slice(1).replaceAll("-", " ")}`;
 
+// The label of an option in a sentence; the program's own options have none.
+export const labelOf = (name) => (photo[name] || clip[name] ? `“${label(name)}”` : `--${name}`);
+const label = (name) => [words[name], words.option[name]].find((each) => typeof each === "string") ?? readable(name);
+
 // What the program says of an option of a photo or clip.
 export const about = (kind, name) => OPTIONS[kind][name];
 
@@ -18,9 +22,8 @@ export const ofGroups = (kind, groups) =>
 export function control(kind, name, id, changed, said = words.choices[name]) {
   const schema = about(kind, name);
   const usual = String(schema.default ?? "");
-  const label = words[name] ?? words.option[name] ?? readable(name);
   const set = (value) => changed(name, String(value) === usual ? "" : value);
-  const made = widget(schema, id, label, set, said);
+  const made = widget(schema, id, label(name), set, said);
   made.node.title = words.help[name] ?? schema.description;
   const show = (options) => {
     const value = options[name] ?? usual;

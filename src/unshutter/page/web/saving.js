@@ -1,6 +1,6 @@
 // Photos and clips saved: one as a download, many as a zip file.
 
-import { ask, close, download, events } from "./api.js";
+import { ask, close, download, events, lineOf } from "./api.js";
 import { by } from "./nodes.js";
 import { words } from "./words.js";
 
@@ -126,7 +126,7 @@ function watch() {
 }
 
 async function ended(saving, notice) {
-  const failed = saving.done.filter((each) => each.error);
+  const failed = saving.done.filter((each) => each.error).map((each) => ({ ...each, error: lineOf(each) }));
   const count = saving.done.filter((each) => each.result).length;
   if (saving.state === "cancelled") return notice(words.cancelled);
   if (saving.state !== "finished") return notice(saving.error);
