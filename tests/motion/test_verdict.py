@@ -104,7 +104,7 @@ def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
 def test_a_given_motion_is_undone_however_sure() -> None:
     assert Rectify(motion="m.json").settled().undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
     assert Rectify().undo.min_confidence is None
-    with pytest.raises(UsageError, match="leave out the minimum confidence"):
+    with pytest.raises(UsageError, match="leave out --min-confidence"):
         Undo(min_confidence=0.7).at_any_confidence()
 
 

@@ -121,7 +121,7 @@ def test_a_given_readout_time_counts() -> None:
 
 @pytest.mark.parametrize("wrong", [{"exposure_s": 0}, {"exposure_s": float("nan")}, {"readout_ms": -1}])
 def test_times_that_cannot_be_are_refused(wrong: dict) -> None:
-    with pytest.raises(UsageError, match="must take a positive time"):
+    with pytest.raises(UsageError, match="must be above 0 and at most"):
         Camera(**wrong)
 
 

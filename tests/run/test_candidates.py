@@ -64,6 +64,6 @@ def test_as_it_is_means_unchanged(photo: Path) -> None:
 def test_a_candidate_that_is_not_there_is_refused(photo: Path) -> None:
     with pytest.raises(UnshutterError, match=r"there is no candidate 4: the photo has 3 .as it is, pan to the right"):
         unshutter.rectify(photo, candidate=4)
-    with pytest.raises(UsageError, match="counted from 1"):
+    with pytest.raises(UsageError, match="candidate is counted from 1"):
         unshutter.rectify(photo, candidate=0)
     assert main(["estimate", "--candidates", "--candidate", "2", str(photo)]) == 2

@@ -103,7 +103,7 @@ def test_so_large_that_memory_would_not_do(tmp_path, capsys):
 @pytest.mark.parametrize("focal", ["1", "7", "1e308"])
 def test_a_focal_length_that_no_camera_has(tmp_path, capsys, clip, focal):
     words = [clip, "-o", tmp_path / "out.mp4", "--readout-ratio", "0.6", "--focal-px", focal]
-    refused(capsys, words, 2, "the focal length must lie between", "px")
+    refused(capsys, words, 2, "--focal-px must lie between", "px")
 
 
 def test_a_pipe_is_not_waited_for(tmp_path, capsys, clip):

@@ -178,5 +178,5 @@ def test_an_unknown_camera_is_refused_before_any_work(tmp_path, capsys):
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--camera", "Zorki 4"]) == 2
     assert "the table has no camera called 'Zorki 4'" in capsys.readouterr().err
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--camera", "x", "--readout-ms", "9"]) == 2
-    assert "give a readout time or --camera, not both" in capsys.readouterr().err
+    assert "give --readout-ms, --readout-ratio or --camera: one of them" in capsys.readouterr().err
     assert not (tmp_path / "out.mkv").exists()

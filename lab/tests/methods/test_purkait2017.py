@@ -102,4 +102,4 @@ def test_the_focal_length_from_the_command_line(tmp_path: Path, capsys: pytest.C
     assert Photo.open(again).to_array().tobytes() == Photo.open(tmp_path / "r.png").to_array().tobytes()
     capsys.readouterr()
     assert main(["estimate", str(photo), "--focal-px", "-1"]) == 2
-    assert "the focal length must lie between" in capsys.readouterr().err
+    assert "--focal-px must lie between" in capsys.readouterr().err
