@@ -26,8 +26,9 @@ from pathlib import Path
 FLOOR = """
 import sys
 import av, cv2, numpy as np
-from unshutter.video.clip import PixelFormat, ahead
+from unshutter.video.decode import ahead
 from unshutter.video.frame_warper import side_by_side
+from unshutter.video.pixels import PixelFormat
 
 cv2.setNumThreads(1)
 source, out, preset, threads = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
@@ -67,8 +68,9 @@ import resource, sys
 import cv2
 from contextlib import closing
 from unshutter.readout_time import ReadoutTime
-from unshutter.video.clip import Clip, ClipRequest
+from unshutter.video.clip import ClipRequest, look
 from unshutter.video.clip_rectification import Pipeline, rectify_clip_file
+from unshutter.video.decode import frames_of
 from unshutter.video.frame_warper import Warper
 from unshutter.video.lenses import lens_in_frames
 from unshutter.options.clip_options import ClipUndo, Encode, RectifyClip, Shutter
@@ -81,7 +83,7 @@ options = RectifyClip(
     encode=Encode(preset=preset, crf=18),
     overwrite=True,
 )
-clip = Clip.look(source)
+clip = look(source)
 request = ClipRequest.of(clip, options)
 pipeline = Pipeline(request, ReadoutTime(ratio, 0.0, "given"))
 
@@ -89,10 +91,13 @@ def count(items):
     with closing(items) as items:
         return sum(1 for _ in items)
 
+def rectified():
+    return pipeline.rectified(Warper(clip, options.undo), frames_of(clip))
+
 steps = {
-    "decode": lambda: count(clip.items()),
-    "find the motion": lambda: count(pipeline.moving()),
-    "warp" if model == "camera" else "flow and warp": lambda: count(pipeline.rectified(Warper(clip, options.undo))),
+    "decode": lambda: count(frames_of(clip)),
+    "find the motion": lambda: count(pipeline.moving(frames_of(clip))),
+    "warp" if model == "camera" else "flow and warp": lambda: count(rectified()),
     "encode and write": lambda: rectify_clip_file(source, out, options).frames,
 }
 
@@ -102,7 +107,7 @@ def ms_of(step):
     after = resource.getrusage(resource.RUSAGE_SELF)
     return 1000 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / frames
 
-count(pipeline.moving())  # libraries are loaded
+count(pipeline.moving(frames_of(clip)))  # libraries are loaded
 print(sorted(ms_of(lambda: lens_in_frames(request) and 1) for _ in range(3))[1])
 for name, step in steps.items():
     print(name, ms_of(step), sep="\\t")

@@ -7,7 +7,8 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip import Clip
+from unshutter.video.clip import look
+from unshutter.video.decode import frames_of
 
 GREYS = clips.moving(30)[1]
 RATIO = [*clips.KNOWN, "--strength", "0"]
@@ -37,10 +38,12 @@ def films(tmp_path_factory):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_whole_films_are_whole(films, kind):
-    clip = Clip.look(films[kind])
-    clip.expected.check(clip.path, None)
-    assert len(list(clip.items())) == len(GREYS)
-    assert len(list(clip.items(clip.expected.start_s + 0.3))) in range(20, 25)  # some begin a little later than at 0
+    clip = look(films[kind], until_s=None)
+    clip.check_whole()
+    assert clip.extent.frames == len(list(frames_of(clip))) == len(GREYS)
+    assert len(list(frames_of(clip, clip.expected.start_s + 0.3))) in range(
+        20, 25
+    )  # some begin a little later than at 0
 
 
 @pytest.mark.parametrize("kind", STATED)
@@ -68,9 +71,9 @@ def test_how_much_is_missing(tmp_path, capsys, films, kind):
 def test_what_lies_behind_the_last_frame_may_be_missing(films, tmp_path, kind):
     """Such as an index: no frame is lost."""
     (tmp_path / f"in.{kind}").write_bytes(films[kind].read_bytes()[:-1])
-    clip = Clip.look(tmp_path / f"in.{kind}")
-    clip.expected.check(clip.path, None)
-    assert len(list(clip.items())) == len(GREYS)
+    clip = look(tmp_path / f"in.{kind}", until_s=None)
+    clip.check_whole()
+    assert len(list(frames_of(clip))) == len(GREYS)
 
 
 def test_an_end_that_was_never_written(tmp_path, capsys):

@@ -12,8 +12,10 @@ from unshutter.cli import main
 from unshutter.motion import RowMotion
 from unshutter.options import MAX_PIXELS
 from unshutter.options.clip_options import ClipUndo, RectifyClip
-from unshutter.video.clip import Clip, ClipRequest, PixelFormat
+from unshutter.video.clip import ClipRequest, look
+from unshutter.video.decode import frames_of
 from unshutter.video.frame_warper import MovingFrame, linked
+from unshutter.video.pixels import PixelFormat
 
 FRAMES = 12
 GREYS = [two_layers.frame(k) for k in range(FRAMES)]
@@ -151,12 +153,12 @@ def test_what_does_not_go_together_is_refused(tmp_path, clip, flags, said, capsy
 
 def test_three_frames_are_held_at_a_time(tmp_path):
     before = clips.write(tmp_path / "in.mkv", [two_layers.frame(k) for k in range(30)], "ffv1", "gray")
-    clip = Clip.look(str(before), MAX_PIXELS)
+    clip = look(str(before), MAX_PIXELS)
     request = ClipRequest.of(clip, RectifyClip(undo=ClipUndo(model="dense", edges="borrow")))
     held = weakref.WeakSet()
 
     def moved():
-        for frame in clip.items(None, None, False):
+        for frame in frames_of(clip):
             item = MovingFrame(frame, RowMotion.zero(65, 98))
             held.add(item)
             yield item

@@ -12,7 +12,7 @@ from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.reasons import Code
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
-from unshutter.video.clip import Clip, ClipRequest
+from unshutter.video.clip import ClipRequest, look
 from unshutter.video.gain import Gain, gain_of_clip
 from unshutter.video.readout import camera_of_clip
 
@@ -104,7 +104,7 @@ def test_a_strength_other_than_asked_of_the_clip_is_obeyed(run, strength):
 def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path, kind, examined):
     camera, greys = clips.moving(LONG)
     greys = greys if kind == "distorted" else clips.truth(camera)
-    clip = Clip.look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
+    clip = look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)))
     gain = gain_of_clip(request, camera_of_clip(request)[0], None)
     assert abs(gain.frames - examined) <= 4

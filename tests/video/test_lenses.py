@@ -17,7 +17,7 @@ from unshutter.motion.rotations import rotation_matrix
 from unshutter.options.clip_options import RectifyClip, Shutter, Steadiness
 from unshutter.orientation import Readout
 from unshutter.video import lenses
-from unshutter.video.clip import Clip, ClipRequest
+from unshutter.video.clip import ClipRequest, look
 from unshutter.video.frame_map import StraightView
 from unshutter.video.lenses import LensProfile, lens_of_clip, lens_of_file, lens_of_tracks, named_lenses, table
 
@@ -203,5 +203,5 @@ def test_gopros_field_of_view_chooses_among_its_lenses(tmp_path, monkeypatch, sh
     clip = clips.write(tmp_path / "in.mp4", clips.standing(30), **tags)
     if share is not None:
         with_settings(clip, entry(b"ZFOV", b"f", struct.pack(">f", share * listed[0].degrees), 4))
-    lens = lens_of_clip(ClipRequest.of(Clip.look(str(clip)), RectifyClip()))
+    lens = lens_of_clip(ClipRequest.of(look(str(clip)), RectifyClip()))
     assert (lens and lens.source) == (said and f"table of lenses (GoPro HERO8 Black {said})")

@@ -8,7 +8,8 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip import Clip
+from unshutter.video.clip import look
+from unshutter.video.decode import frames_of
 from unshutter.video.film_file import writing
 
 GREYS = clips.moving(16)[1]
@@ -16,11 +17,11 @@ GREYS = clips.moving(16)[1]
 
 def straightened(source, target, *more):
     assert main(["video", str(source), "-o", str(target), *clips.KNOWN, *map(str, more)]) == 0
-    return Clip.look(target)
+    return look(target)
 
 
 def times(path):
-    return np.array([frame.time for frame in Clip.look(path).items()])
+    return np.array([frame.time for frame in frames_of(look(path))])
 
 
 def test_avi_counts_frames_that_are_not_there(tmp_path):

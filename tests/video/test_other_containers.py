@@ -8,7 +8,8 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip import Clip
+from unshutter.video.clip import look
+from unshutter.video.decode import frames_of
 
 GREYS = clips.moving(6)[1]
 COVER = cv2.imencode(".jpg", np.full((32, 32, 3), 90, np.uint8))[1].tobytes()
@@ -24,7 +25,7 @@ def written(capsys, source, target):
 
 
 def times(path):
-    return np.array([frame.time for frame in Clip.look(path).iter_frames()])
+    return np.array([frame.time for frame in frames_of(look(path))])
 
 
 def streams(path):

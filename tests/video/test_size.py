@@ -8,9 +8,8 @@ from support import clips
 from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip
 from unshutter.readout_time import ReadoutTime
-from unshutter.video import clip as clip_module
 from unshutter.video import clip_rectification as steps
-from unshutter.video.clip import Clip, ClipRequest
+from unshutter.video.clip import ClipRequest, look
 from unshutter.video.clip_rectification import Pipeline
 from unshutter.video.encoders import Encoder
 
@@ -48,27 +47,26 @@ def test_a_film_that_becomes_much_larger_or_smaller_is_announced(tmp_path, greys
 
 @pytest.mark.parametrize("encode", [Encode(crf=20), Encode(codec="libx265")])
 def test_a_quality_or_another_codec_is_followed_instead(tmp_path, greys, encode):
-    clip = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    clip = look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     encoder = Encoder.choose(clip, encode)
     assert encoder.bits_per_s is None and encoder.options["crf"] == "20"
     assert Encoder.choose(clip, Encode()).bits_per_s and "crf" not in Encoder.choose(clip, Encode()).options
 
 
 def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatch):
-    small = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    small = look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     large = replace(small, height=2160, width=3840)
     assert large.frame_bytes == 2160 * 3840 * 1.5
     bounds = []
-    for module in (clip_module, steps):
-        monkeypatch.setattr(module, "ahead", lambda items, most: bounds.append(most))
+    monkeypatch.setattr(steps, "ahead", lambda items, most: bounds.append(most))
     monkeypatch.setattr(steps, "with_motion", lambda *_: None)
     for clip in (small, large):
-        Pipeline(ClipRequest.of(clip, RectifyClip()), ReadoutTime(0.6, 0.0, "given")).moving()
+        Pipeline(ClipRequest.of(clip, RectifyClip()), ReadoutTime(0.6, 0.0, "given")).moving(iter([]))
     assert bounds == [2, 8, 2, 2]
 
 
 def test_large_frames_are_looked_ahead_of_less(tmp_path, greys):
-    small = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    small = look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     large = replace(small, height=2160, width=3840)
     assert "rc-lookahead" not in Encoder.choose(small, Encode()).options
     assert Encoder.choose(large, Encode()).options["rc-lookahead"] == "4"

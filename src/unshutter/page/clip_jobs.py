@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.clip import Clip, ClipRequest
+    from unshutter.video.clip import ClipFacts, ClipRequest
     from unshutter.video.frame_warper import MovingFrame
 
 MOMENTS = 5  # number of moments of a clip that are shown
@@ -108,12 +108,12 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 
 
 @contextmanager
-def _look(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[Clip]:
+def _look(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[ClipFacts]:
     """Looks at the clip; errors in the block refer to files by names that the user recognises."""
-    from unshutter.video.clip import Clip
+    from unshutter.video.clip import look
 
     with errors_of(open_file, names):
-        yield Clip.look(open_file.path)
+        yield look(open_file.path)
 
 
 def progress_of(open_file: OpenFile) -> ProgressFile:
@@ -121,7 +121,7 @@ def progress_of(open_file: OpenFile) -> ProgressFile:
     return ProgressFile(open_file.path.with_name("progress.json"))
 
 
-def _usual_time(clip: Clip, options: RectifyClip) -> ReadoutTime:
+def _usual_time(clip: ClipFacts, options: RectifyClip) -> ReadoutTime:
     """Returns the readout time that the user states, or that is usual for the camera: known without a search."""
     from unshutter.video.cameras import listed_time, usual_time
 
@@ -131,7 +131,7 @@ def _usual_time(clip: Clip, options: RectifyClip) -> ReadoutTime:
 
 
 def _time_of(
-    open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
+    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ReadoutTime:
     """Returns the readout time of a clip: the user's, or else an estimate, which is cached."""
     from unshutter.video.clip_rectification import camera_of_clip
@@ -145,7 +145,7 @@ def _time_of(
 
 
 def _request(
-    open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
+    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ClipRequest:
     """Returns the request of a clip with its lens, which is cached."""
     from unshutter.motion.lens import Lens
@@ -158,22 +158,25 @@ def _request(
     return request if known is None else replace(request, lens=Lens.of_json(known))
 
 
-def _moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
+def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
     """Returns the time of a moment [s]: the middle of one of MOMENTS equal parts."""
     start, end = options.start or 0.0, min(options.end or clip.duration_s, clip.duration_s)
     return start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
 
 
-def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
-    for frame in clip.iter_frames(max(time_s - clip.interval_s / 2, 0.0)):
+def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
+    from unshutter.video.decode import frames_of
+
+    for frame in frames_of(clip, max(time_s - clip.interval_s / 2, 0.0)):
         return frame
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
 
 
-def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
+def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion, RowMotion
     from unshutter.video.clip import ClipRequest
+    from unshutter.video.decode import frames_of
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
     time = _usual_time(clip, options) if usual else _time_of(open_file, clip, options)
@@ -183,10 +186,10 @@ def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: fl
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
-    frames = islice(clip.iter_frames(first), 2 * _AROUND + 1)
+    frames = islice(frames_of(clip, first), 2 * _AROUND + 1)
     request = ClipRequest.of(clip, options, None) if usual else _request(open_file, clip, options)  # without a lens
     for moving in with_motion(request, frames, time):
-        if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
+        if (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.motion.to_json())
             return moving
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
@@ -194,7 +197,7 @@ def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: fl
 
 def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.ndarray:
     """Returns the [H, W, 3] RGB pixels of a frame, turned upright as another frame states."""
-    from unshutter.video.clip import upright
+    from unshutter.video.pixels import upright
 
     scale = 1.0 if longest is None else min(longest / max(frame.height, frame.width), 1.0)
     height, width = (max(2, round(side * scale)) for side in (frame.height, frame.width))
@@ -205,15 +208,16 @@ def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.
 
 
 def _pairs(
-    open_file: OpenFile, clip: Clip, options: RectifyClip, moment: int
+    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, moment: int
 ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
     """Yields small frames around a moment, before and after side by side."""
     import numpy as np
 
-    from unshutter.video.clip import upright
     from unshutter.video.clip_rectification import Pipeline, with_steady_views
+    from unshutter.video.decode import frames_of
     from unshutter.video.frame_map import FrameMap, warp_plane
-    from unshutter.video.frame_warper import MovingFrame, Warper
+    from unshutter.video.frame_warper import Warper
+    from unshutter.video.pixels import upright
     from unshutter.video.readout import camera_of_clip
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
@@ -228,16 +232,15 @@ def _pairs(
     if options.steadiness.stabilize is not None:
         pipeline = with_steady_views(pipeline)
     warper, frames = Warper(clip, part.undo), round((last - first) / clip.interval_s)
-    for number, moving in enumerate(pipeline.moving()):
-        if isinstance(moving, MovingFrame):
-            scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
-            height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))
-            before = moving.frame.reformat(width, height, format="rgb24").to_ndarray()
-            after = np.empty_like(before)
-            for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
-                warp_plane(before, at, after[rows], black, 255)
-            yield np.concatenate([upright(each, moving.frame) for each in (before, after)], axis=1)
-            progress.note("film", min(number + 1, frames), frames)
+    for number, moving in enumerate(pipeline.moving(frames_of(clip, first, last))):
+        scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
+        height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))
+        before = moving.frame.reformat(width, height, format="rgb24").to_ndarray()
+        after = np.empty_like(before)
+        for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
+            warp_plane(before, at, after[rows], black, 255)
+        yield np.concatenate([upright(each, moving.frame) for each in (before, after)], axis=1)
+        progress.note("film", min(number + 1, frames), frames)
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:

@@ -8,7 +8,6 @@ camera, or the log belongs to another clip, the turns do not follow the log's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any
@@ -22,7 +21,8 @@ from unshutter.options.clip_options import GYRO_OFF
 from unshutter.progress import counted
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import Clip, ClipRequest, followed
+from unshutter.video.clip import ClipFacts, ClipRequest
+from unshutter.video.decode import followed
 from unshutter.video.gpmf import DamagedLogError
 from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
@@ -34,7 +34,6 @@ _MISSING_S = 0.25  # at either end of a clip that a log may omit
 _BEYOND_S = 10.0  # of a log kept at either end of a clip
 _SAME_CLOCK_S = 0.6  # largest offset between the clocks of a log and a clip in one file
 _LOG_TRACKS = ("Timed Metadata Media Handler", "DJI meta", "CAM meta", "CameraMetadataMotionHandler")
-_INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's files, which have their log at the end
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,8 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
             raise
         return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
     if log is None:
-        name = _unread_log(clip) if shutter.gyro is None and not can_parse() else None
+        tracks = clip.others.data_tracks if shutter.gyro is None and not can_parse() else ()
+        name = next((name for name in tracks if name.startswith(_LOG_TRACKS)), None)
         return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else None
     span = request.span[0], min(request.span[1], clip.duration_s or np.inf)
     offsets = _offsets(log, span)
@@ -109,30 +109,13 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
     return ClipGyro(log.origin, synchronisation, turns, reason, stated)
 
 
-def _log(clip: Clip, choice: str | None) -> GyroLog | None:
+def _log(clip: ClipFacts, choice: str | None) -> GyroLog | None:
     """Returns the log that the user names, or otherwise the one in the clip's file."""
     if choice == GYRO_OFF:
         return None
     if choice is not None:
         return log_of_file(choice)
-    return log_of_camera(clip.path) if _may_have_log(clip) else None
-
-
-def _may_have_log(clip: Clip) -> bool:
-    """Whether a film's file has a data track, or a maker's data at its end; other files are not searched."""
-    with suppress(OSError), open(clip.path, "rb") as stream:
-        stream.seek(-len(_INSTA360), 2)
-        if stream.read() == _INSTA360:
-            return True
-    with clip.opened() as container:
-        return bool(container.streams.data)
-
-
-def _unread_log(clip: Clip) -> str | None:
-    """Returns the name of the track in which a clip's camera keeps its gyro log; None if it has none."""
-    with clip.opened() as container:
-        names = [stream.metadata.get("handler_name", "").strip() for stream in container.streams.data]
-    return next((name for name in names if name.startswith(_LOG_TRACKS)), None)
+    return log_of_camera(clip.path) if clip.may_have_log else None
 
 
 def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float]]:
@@ -151,7 +134,7 @@ def _covers(log: GyroLog, begin_s: float, end_s: float) -> bool:
 # ---- parts to compare ------------------------------------------------------------------------------------------
 
 
-def _parts(clip: Clip, log: GyroLog, span: tuple[float, float]) -> list[float]:
+def _parts(clip: ClipFacts, log: GyroLog, span: tuple[float, float]) -> list[float]:
     """Returns the start times of the parts of the clip that are compared with the log [s].
 
     They are spread over the clip, each where the camera turned most in its neighbourhood, if that is known.

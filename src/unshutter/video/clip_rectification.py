@@ -1,7 +1,7 @@
 """Rectifies a whole clip: checks it, determines its readout time, rectifies its frames and writes the output file.
 
 The steps of the frames are generators that run ahead of one another in threads. Packets of the clip's other streams
-pass through all of them, in their place between the frames.
+wait until the frames next to them are written.
 
     VideoFrame -> MovingFrame -> (LinkedFrame ->) NewFrame
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,8 +33,9 @@ from unshutter.reasons import Code, Reason
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
 from unshutter.video import film_file, mp4
-from unshutter.video.clip import Clip, ClipRequest, SidePacket, ahead
+from unshutter.video.clip import ClipFacts, ClipRequest, look
 from unshutter.video.clip_gyro import ClipGyro
+from unshutter.video.decode import DECODED_AHEAD, ahead, decode, frames_of
 from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import FilmWriter, RateCallback, fitted, holds_covers, start_of, writing
 from unshutter.video.frame_map import StraightView
@@ -83,11 +84,11 @@ def rectify_clip_file(
     """
     cv2.setNumThreads(1)  # the pipeline has its own threads
     path, target, log, after_killed_run = _checked_files(source, output, options)
-    clip = Clip.look(path, options.max_pixels)
+    clip = look(path, options.max_pixels, until_s=options.end)
     end_s = clip.expected.end_s
     if options.start is not None and end_s is not None and options.start >= end_s:
         raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: {{--start}} must come before that", clip=clip.path)
-    clip.expected.check(path, options.end)
+    clip.check_whole()
     film = _Output.of(clip, options, target)
     pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
     result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
@@ -232,12 +233,12 @@ def _level_turns(gyro: ClipGyro | None) -> GyroTurns:
 
 def _watched(pipeline: Pipeline) -> Generator[MovingFrame]:
     """Yields the frames with their motion, reporting progress for each: a pass before that which writes the film."""
-    steps = pipeline.request.steps("looking")
-    with closing(pipeline.moving()) as items:
-        for item in items:
-            if not isinstance(item, SidePacket):
-                steps.advance()
-                yield item
+    steps, options = pipeline.request.steps("looking"), pipeline.request.options
+    decoded = frames_of(pipeline.request.clip, options.start, options.end)
+    with closing(pipeline.moving(decoded)) as frames:
+        for moving in frames:
+            steps.advance()
+            yield moving
 
 
 _LINKED_AHEAD = 1  # frames, all held in memory
@@ -258,48 +259,44 @@ class Pipeline:
     stabilisation: Stabilisation | None = None
     straight: StraightView | None = None  # the view in which lines are straight; None if the lens is kept
 
-    def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
-        """Yields the frames with their motion; with ``all_streams``, also the packets of the other streams."""
+    def moving(self, frames: Iterator[VideoFrame]) -> Generator[MovingFrame]:
+        """Yields frames with their motion."""
         clip, options = self.request.clip, self.request.options
-        items = clip.items(options.start, options.end, all_streams)
         if self.straight is not None:
-            return self._straightened(replace(self, straight=None).moving(all_streams))
+            return self._straightened(replace(self, straight=None).moving(frames))
+        decoded = ahead(frames, clip.most_ahead(DECODED_AHEAD))
         if self.stabilisation is not None or self.unmoved is not None or self.file_motion is not None:
-            return self._with_known_motion(items)
+            return self._with_known_motion(decoded)
         whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
-        moving = with_motion(self.request, items, self.ratio, self.gyro and self.gyro.turns, whole_path)
+        moving = with_motion(self.request, decoded, self.ratio, self.gyro and self.gyro.turns, whole_path)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
-    def _straightened(self, items: Generator[MovingFrame | SidePacket]) -> Generator[MovingFrame | SidePacket]:
-        with closing(items):
-            for item in items:
-                yield item if isinstance(item, SidePacket) else replace(item, view=self.straight)
+    def _straightened(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
+        with closing(frames):
+            for moving in frames:
+                yield replace(moving, view=self.straight)
 
-    def _with_known_motion(self, items: Iterable[VideoFrame | SidePacket]) -> Generator[MovingFrame | SidePacket]:
+    def _with_known_motion(self, frames: Generator[VideoFrame]) -> Generator[MovingFrame]:
         unchanged = None if self.unmoved is None else RowMotion.zero(ROWS, ROWS, reason=self.unmoved)
-        number = 0
-        for item in items:
-            if isinstance(item, SidePacket):
-                yield item
-                continue
-            if self.stabilisation is not None:
-                path, view = self.stabilisation.path, self.stabilisation.view(number)
-                motion = unchanged or path.motion(number)
-                yield MovingFrame(item, motion, path.cuts[number], step=path.middle_steps[number], view=view)
-            elif unchanged is not None:
-                yield MovingFrame(item, unchanged)
-            elif self.file_motion is not None:
-                motion, cut, step = self.file_motion.at(item.time or 0.0)
-                yield MovingFrame(item, motion, cut, step=step)
-            number += 1
+        with closing(frames):
+            for number, frame in enumerate(frames):
+                if self.stabilisation is not None:
+                    path, view = self.stabilisation.path, self.stabilisation.view(number)
+                    motion = unchanged or path.motion(number)
+                    yield MovingFrame(frame, motion, path.cuts[number], step=path.middle_steps[number], view=view)
+                elif unchanged is not None:
+                    yield MovingFrame(frame, unchanged)
+                elif self.file_motion is not None:
+                    motion, cut, step = self.file_motion.at(frame.time or 0.0)
+                    yield MovingFrame(frame, motion, cut, step=step)
 
-    def rectified(self, warper: Warper, all_streams: bool = False) -> Generator[NewFrame | SidePacket]:
-        """Yields the frames to encode; with ``all_streams``, also the packets of the other streams."""
+    def rectified(self, warper: Warper, frames: Iterator[VideoFrame]) -> Generator[NewFrame]:
+        """Yields the frames to encode."""
         request, undo = self.request, self.request.options.undo
-        items: Generator[MovingFrame | LinkedFrame | SidePacket] = self.moving(all_streams)
+        moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
         if undo.model == "dense" and undo.strength and self.unmoved is None:
-            items = ahead(linked(request, items, self.ratio.value), _LINKED_AHEAD)
-        return side_by_side(warper, items, thread_count())
+            moving = ahead(linked(request, moving, self.ratio.value), _LINKED_AHEAD)
+        return side_by_side(warper, moving, thread_count())
 
 
 # ---- output ---------------------------------------------------------------------------------------------
@@ -316,10 +313,10 @@ class _Output:
     may_be_copy: bool  # whether the clip's file can be copied if no frame changes: nothing else is to be written
 
     @classmethod
-    def of(cls, clip: Clip, options: RectifyClip, target: Path) -> _Output:
+    def of(cls, clip: ClipFacts, options: RectifyClip, target: Path) -> _Output:
         kind = target.suffix.lower()
         alike = options.start is None and options.end is None and kind == Path(clip.path).suffix.lower()
-        into_copy = alike and kind in _MP4 and mp4.can_take(clip.path)
+        into_copy = alike and kind in _MP4 and clip.can_take_film
         if into_copy and kind != ".mov":
             kind = ".mp4"
         simple = alike and options.may_be_copy
@@ -361,45 +358,42 @@ def _write_film(
             motion_part = stack.enter_context(written_whole(options.save_motion, options.overwrite))
             stream = stack.enter_context(motion_part.open("w", encoding="utf-8"))
             motions = MotionWriter(stream, pipeline.request, pipeline.ratio)
-        source = stack.enter_context(clip.opened())
-        frames = None
-        if film.into_copy or holds_covers(film.kind, source):
-            frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
-        container = stack.enter_context(writing(frames or part, film.kind, clip.ticks))
-        others, start_s = (None, 0.0) if film.into_copy else (film.kind, start_of(clip, source, film.kind))
+        source, frames_file = stack.enter_context(clip.opened()), None
+        if film.into_copy or holds_covers(film.kind, clip):
+            frames_file = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
+        container = stack.enter_context(writing(frames_file or part, film.kind, clip.ticks))
+        ending, start_s = (None, 0.0) if film.into_copy else (film.kind, start_of(clip, film.kind))
         start_s = start_s if options.start is None else max(start_s, options.start)
-        writer = FilmWriter(container, source, clip, film.encoder, others, warper.size, start_s, on_rate)
-        items = stack.enter_context(closing(pipeline.rectified(warper, all_streams=not film.into_copy)))
-        _write_frames(pipeline.request, items, result, motions, writer)
+        writer = FilmWriter(container, source, clip, film.encoder, ending, warper.size, start_s, on_rate)
+        decoded = decode(source, clip, options.start, options.end, None if film.into_copy else writer.waiting)
+        frames = stack.enter_context(closing(pipeline.rectified(warper, decoded)))
+        _write_frames(pipeline.request, frames, result, motions, writer)
         if not result.rectified and pipeline.straight is None and (options.only_changed or film.may_be_copy):
             raise _NothingChangedError
         result.left_out = writer.left_out
-        if frames is not None:
-            with open(clip.path, "rb") as original, part.open("r+b") as out:
+        if frames_file is not None:
+            with part.open("r+b") as out:
                 if film.into_copy:
-                    mp4.write_with_film(original, frames, out)
+                    mp4.write_with_film(source.stream, frames_file, out)
                 else:
-                    mp4.write_with_covers(frames, writer.covers, out)
+                    mp4.write_with_covers(frames_file, writer.covers, out)
 
 
 def _write_frames(
     request: ClipRequest,
-    items: Iterable[NewFrame | SidePacket],
+    frames: Iterable[NewFrame],
     result: ClipOutcome,
     motions: MotionWriter | None,
     writer: FilmWriter,
 ) -> None:
-    """Writes the frames and packets to the film, and their motion; counts each frame in the outcome."""
+    """Writes the frames to the film, and their motion; counts each frame in the outcome."""
     steps = request.steps("frames")
-    for item in items:
-        if isinstance(item, NewFrame):
-            result.add(item.source)
-            if motions is not None:
-                motions.add(item.source)
-            steps.advance()
-            writer.add_frame(item.picture)
-        else:
-            writer.add_packet(item.packet)
+    for frame in frames:
+        result.add(frame.source)
+        if motions is not None:
+            motions.add(frame.source)
+        steps.advance()
+        writer.add_frame(frame.picture)
     if not result.frames:
         raise UnshutterError("{clip} has no frames in this part", clip=request.clip.path)
     writer.end()

@@ -7,10 +7,10 @@ import os
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av, open_to_read
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
 
+COVER = 0x400  # FFmpeg's disposition of attached pictures: cover art
 _LOOKED_AT = 120  # packets from which the usual frame interval is determined
 # FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
 # open any file on this machine, or fetch one.
@@ -36,44 +37,72 @@ _REORDERED = 32  # frames within which decoding and presentation order may diffe
 _SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which headers of complete files may be wrong
 
 
+@dataclass(frozen=True)
+class FilmFile:
+    """A film's file, open for reading."""
+
+    path: str
+    stream: BinaryIO  # the file, through which FFmpeg reads: to be used otherwise only before or after its packets
+    container: Any  # PyAV's
+    film: Any  # its first stream of moving pictures
+
+    def packets(self) -> Iterator[Packet]:
+        """Yields the packets of all streams; raises UnshutterError if they cannot be read."""
+        try:
+            yield from self.container.demux()
+        except IndexError:  # raised by PyAV at the end of files with streams that began in mid-file
+            return
+        except av().error.FFmpegError as error:
+            raise UnshutterError(f"cannot read {{clip}} to its end: {error.strerror}", clip=self.path) from None
+
+    def is_of_film(self, packet: Packet) -> bool:
+        """Whether a packet belongs to the moving pictures."""
+        return packet.stream.index == self.film.index  # packet.stream_index is 0 in the final, empty packets
+
+
 @contextmanager
-def opened(place: str, **options: str) -> Iterator[Any]:
-    """Opens a file with PyAV, and with options of FFmpeg's."""
+def opened(place: str, **options: str) -> Iterator[FilmFile]:
+    """Opens a film for reading, with options of FFmpeg's."""
+    with opened_bytes(place) as stream, read_by_ffmpeg(stream, place, **options) as film:
+        yield film
+
+
+@contextmanager
+def opened_bytes(place: str) -> Iterator[BinaryIO]:
+    """Opens a film's file."""
     if os.path.isdir(place):
         raise UnshutterError(f"{{clip}} is a folder, not a film: {JOIN}", clip=place)
     check_plain(Path(place))
+    try:  # absolute path, because text before a colon would be taken for a protocol
+        stream = open(os.path.abspath(place), "rb")  # noqa: SIM115
+    except OSError as error:
+        raise _unreadable(place, error.strerror) from None
+    with stream:
+        yield stream
+
+
+@contextmanager
+def read_by_ffmpeg(stream: BinaryIO, place: str, **options: str) -> Iterator[FilmFile]:
+    """Yields a film through whose open file PyAV reads, from its beginning."""
     settings = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME), **options}
     library = av()  # outside the try: Ctrl-C during its import would leave half a module for the clause below
-    try:  # absolute path, because text before a colon would be taken for a protocol
-        container = open_to_read(os.path.abspath(place), options=settings)
-    except (OSError, ValueError, library.error.FFmpegError) as error:
-        cause = error.strerror if isinstance(error, OSError) else ""
-        raise UnshutterError(
-            f"cannot read {{clip}}: {cause or 'no film that can be read; the file may be cut off or damaged'}",
-            clip=place,
-        ) from None
+    stream.seek(0)
     try:
-        yield container
+        container = open_to_read(stream, options=settings)
+    except (OSError, ValueError, library.error.FFmpegError) as error:
+        raise _unreadable(place, error.strerror if isinstance(error, OSError) else "") from None
+    try:
+        films = [s for s in container.streams.video if not s.disposition & COVER]
+        if not films or films[0].codec_context is None:
+            raise UnshutterError("{clip} contains no video, or an unknown kind", clip=place)
+        yield FilmFile(place, stream, container, films[0])
     finally:
         container.close()
 
 
-def film_of(container: Any, place: str) -> Any:
-    """Returns the first stream of moving pictures; raises UnshutterError if there is none."""
-    films = [s for s in container.streams.video if not s.disposition & 0x400]  # attached pictures are cover art
-    if not films or films[0].codec_context is None:
-        raise UnshutterError("{clip} contains no video, or an unknown kind", clip=place)
-    return films[0]
-
-
-def packets(container: Any, stream: Any, place: str) -> Iterator[Packet]:
-    """Yields the packets of one stream, or of all if None; raises UnshutterError if they cannot be read."""
-    try:
-        yield from container.demux(stream) if stream is not None else container.demux()
-    except IndexError:  # raised by PyAV at the end of files with streams that began in mid-file
-        return
-    except av().error.FFmpegError as error:
-        raise UnshutterError(f"cannot read {{clip}} to its end: {error.strerror}", clip=place) from None
+def _unreadable(place: str, cause: str | None) -> UnshutterError:
+    cause = cause or "no film that can be read; the file may be cut off or damaged"
+    return UnshutterError(f"cannot read {{clip}}: {cause}", clip=place)
 
 
 def decoded(packet: Packet, place: str) -> list[VideoFrame]:
@@ -95,29 +124,43 @@ def damaged(place: str, at: float | None) -> UnshutterError:
     return UnshutterError(f"{{clip}} is damaged{where}: use the intact part with {{--start}} and {{--end}}", clip=place)
 
 
-def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
-    """Returns the times of a film's first packets.
+class FirstTimes:
+    """The times of a film's first packets, from which its usual frame interval is determined."""
 
-    Returns:
-        The usual frame interval [s], the median of the packets'; their earliest time [ticks of the stream], None if
-        none has one; and the number of packets before the first that has one.
-    """
-    times, before = [], 0
-    for packet in packets(container, stream, "the clip"):
+    def __init__(self) -> None:
+        self._times: list[int] = []  # ticks of the film
+        self.untimed = 0  # number of packets before the first that has a time
+
+    @property
+    def first(self) -> int | None:
+        """The earliest time [ticks of the film]; None if no packet has one."""
+        return min(self._times, default=None)
+
+    @property
+    def are_enough(self) -> bool:
+        """Whether further packets would tell nothing new."""
+        return len(self._times) + self.untimed > _LOOKED_AT
+
+    def add(self, packet: Packet) -> None:
+        """Adds the next packet of the film, unless those before it are enough."""
+        if self.are_enough:
+            return
         if packet.pts is not None:
-            times.append(packet.pts)
-        elif not times and packet.size:
-            before += 1
-        if len(times) + before > _LOOKED_AT:
-            break
-    first = min(times, default=None)
-    times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may not be complete yet
-    gaps = sorted(b - a for a, b in pairwise(times))
-    stated = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
-    if not gaps:
-        return (stated or [1 / 30])[0], first, before
-    usual = float(gaps[len(gaps) // 2] * stream.time_base)
-    return next((s for s in stated if abs(s - usual) <= 1.01 * stream.time_base), usual), first, before
+            self._times.append(packet.pts)
+        elif not self._times and packet.size:
+            self.untimed += 1
+
+    def interval_s(self, film: Any) -> float:
+        """Returns the usual frame interval [s]: the median, or the stated one that is close to it."""
+        times = sorted(set(self._times))
+        if len(self._times) > 8:
+            times = times[:-4]  # the last ones may not be complete yet
+        gaps = sorted(b - a for a, b in pairwise(times))
+        stated = [1 / float(rate) for rate in (film.guessed_rate, film.average_rate) if rate]
+        if not gaps:
+            return (stated or [1 / 30])[0]
+        usual = float(gaps[len(gaps) // 2] * film.time_base)
+        return next((s for s in stated if abs(s - usual) <= 1.01 * film.time_base), usual)
 
 
 def bits_per_s(container: Any, stream: Any) -> float:
@@ -166,6 +209,33 @@ class Times:
 # ---- films whose file is cut off --------------------------------------------------------------------------
 
 
+@dataclass
+class Extent:
+    """How far the packets of a film's file reach, as far as they were read."""
+
+    frames: int = 0  # number of packets of the film
+    film_s: float = -math.inf  # end of the film [s]
+    all_s: float = -math.inf  # end of all streams [s]
+    torn: bool = False  # whether the last packet is damaged
+    latest: deque[float] = field(default_factory=lambda: deque(maxlen=_REORDERED))  # ends of the last frames [s]
+
+    def add(self, packet: Packet, of_film: bool) -> None:
+        """Adds the next packet."""
+        if not packet.size:
+            return
+        at = time_of(packet)
+        at = -math.inf if at is None else at + float((packet.duration or 0) * packet.time_base)
+        self.torn, self.all_s = packet.is_corrupt, max(self.all_s, at)
+        if of_film:
+            self.frames += 1
+            self.film_s = max(self.film_s, at)
+            self.latest.append(at)
+
+    def reaches(self, end_s: float, interval_s: float) -> bool:
+        """Whether the film reaches a time [s], within the tolerance of the end of a film."""
+        return self.film_s >= end_s - _NEAR * interval_s
+
+
 @dataclass(frozen=True)
 class ExpectedLength:
     """The length of a film as its file states it."""
@@ -177,8 +247,9 @@ class ExpectedLength:
     end_s: float | None  # end time according to its tables [s]; None if unknown
 
     @classmethod
-    def of(cls, container: Any, stream: Any, interval_s: float, has_tables: bool) -> ExpectedLength:
+    def of(cls, file: FilmFile, interval_s: float, has_tables: bool) -> ExpectedLength:
         """Returns what an open file states about its film."""
+        container, stream = file.container, file.film
         kind, frames, seconds = container.format.name.partition(",")[0], stream.frames, None
         if kind == "avi":  # some of its frames may be empty: a repeated frame has no data
             frames, seconds = 0, frames * interval_s or None
@@ -188,28 +259,13 @@ class ExpectedLength:
         end_s = start_s + float(stream.duration * stream.time_base) if has_tables else None
         return cls(frames, seconds, interval_s, start_s, end_s)
 
-    def check(self, path: str, end: float | None) -> None:
-        """Raises UnshutterError if a film ends earlier than stated, and before the time ``end`` [s]."""
-        near, torn = _NEAR * self.interval_s, False
-        frames, film_s, all_s = 0, -math.inf, -math.inf
-        latest: deque[float] = deque(maxlen=_REORDERED)  # ends of frames [s]
-        with opened(path) as container:
-            film = film_of(container, path)
-            for packet in packets(container, None, path):
-                if not packet.size:
-                    continue
-                at = time_of(packet)
-                at = -math.inf if at is None else at + float((packet.duration or 0) * packet.time_base)
-                torn, all_s = packet.is_corrupt, max(all_s, at)
-                if packet.stream_index == film.index:
-                    frames, film_s = frames + 1, max(film_s, at)
-                    latest.append(at)
-                    if end is not None and film_s >= end - near:
-                        return
-        if torn or frames < self.frames:  # up to the first gap among its last frames
-            ends = sorted(latest)
-            film_s = next((a for a, b in pairwise(ends) if b - a > near), film_s)
-        problem = self._problem(frames, film_s, all_s, torn)
+    def check(self, path: str, seen: Extent) -> None:
+        """Raises UnshutterError if a film that was read to the end of its file ends earlier than stated."""
+        film_s = seen.film_s
+        if seen.torn or seen.frames < self.frames:  # up to the first gap among its last frames
+            ends = sorted(seen.latest)
+            film_s = next((a for a, b in pairwise(ends) if b - a > _NEAR * self.interval_s), film_s)
+        problem = self._problem(seen.frames, film_s, seen.all_s, seen.torn)
         if problem is not None:
             until = math.floor(10 * film_s) / 10 if math.isfinite(film_s) else 0.0
             way = f"; {{--end}} {until:.1f} keeps what is there" if until > max(self.start_s, 0.0) else ""

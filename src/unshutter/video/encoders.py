@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import Encode
-from unshutter.video.clip import Clip
+from unshutter.video.clip import ClipFacts, Coding
 
 if TYPE_CHECKING:
     from av.video.stream import VideoStream
@@ -42,7 +42,6 @@ _COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # t
 _MOST_TICKS = 65_535  # per second, for these
 _LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
 _LAMBDA = 118  # FFmpeg's units per quality step
-_COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 
 
 @dataclass(frozen=True)
@@ -57,14 +56,14 @@ class Encoder:
     tagged: bool = True  # whether the film gets the codec tag of a clip of the same codec
 
     @classmethod
-    def choose(cls, clip: Clip, encode: Encode) -> Encoder:
+    def choose(cls, clip: ClipFacts, encode: Encode) -> Encoder:
         """Chooses the encoder for a clip."""
-        name = encode.codec or clip.codec
+        name = encode.codec or clip.coding.name
         name = _ENCODERS.get(name, name)
         format_ = _checked(name, clip)
         options = _speed(name, encode.preset)
-        same_codec = name == _ENCODERS.get(clip.codec, clip.codec)
-        rate = round(clip.bits_per_s) if same_codec and encode.crf is None and name in _BY_RATE else 0
+        same_codec = name == _ENCODERS.get(clip.coding.name, clip.coding.name)
+        rate = round(clip.coding.bits_per_s) if same_codec and encode.crf is None and name in _BY_RATE else 0
         if name in _QSCALE and not rate:
             return cls(name, format_, options, round(encode.crf) if encode.crf is not None else _QSCALE[name])
         if name in _CRF and not rate:
@@ -81,32 +80,33 @@ class Encoder:
             options["svtav1-params"] = ":".join(hdr)
         return cls(name, format_, options, bits_per_s=rate or None)
 
-    def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
-        """Adds a stream with this encoder to a container."""
-        rate = like.guessed_rate or like.average_rate or 30
+    def add_to(self, container: Any, clip: ClipFacts, size: tuple[int, int]) -> VideoStream:
+        """Adds a stream with this encoder to a container, for frames of a clip's kind and of a size (height, width)."""
+        coding = clip.coding
+        rate = coding.rate
         try:
             stream = container.add_stream(self.name, rate=rate, options=dict(self.options))
         except ValueError:
             raise UnshutterError(f"'{container.format.name}' files cannot contain {self.name}") from None
-        context, source = stream.codec_context, like.codec_context
+        context = stream.codec_context
         stream.height, stream.width, stream.pix_fmt = *size, self.pixel_format
-        context.time_base = _time_base(self.name, like.time_base or 1 / Fraction(rate), Fraction(rate))
-        for name in _COLOURS:
-            setattr(context, name, getattr(source, name))
-        if like.sample_aspect_ratio:
-            context.sample_aspect_ratio = like.sample_aspect_ratio
+        context.time_base = _time_base(self.name, coding.time_base or 1 / rate, rate)
+        for name, code in coding.colours.items():
+            setattr(context, name, code)
+        if coding.pixel_aspect:
+            context.sample_aspect_ratio = coding.pixel_aspect
         if self.qscale is not None:
             context.qscale, context.global_quality = True, self.qscale * _LAMBDA
         if self.bits_per_s is not None:
             context.bit_rate = self.bits_per_s
         if self.name == "mjpeg":
             stream.options["strict"] = "unofficial"
-        if _ENCODERS.get(clip.codec, clip.codec) == self.name:
-            _follow(stream, source, self.tagged)
+        if _ENCODERS.get(coding.name, coding.name) == self.name:
+            _follow(stream, coding, self.tagged)
         return stream
 
 
-def _checked(name: str, clip: Clip) -> str:
+def _checked(name: str, clip: ClipFacts) -> str:
     """Returns the pixel format for an encoder; raises if the encoder is missing or does not support the frames."""
     try:
         codec = av().Codec(name, "w")
@@ -154,20 +154,20 @@ def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
     return film_base
 
 
-def _follow(stream: Any, source: Any, tagged: bool) -> None:
+def _follow(stream: Any, coding: Coding, tagged: bool) -> None:
     """Copies the settings that only an encoder of the same kind can adopt."""
     context = stream.codec_context
-    tag = source.codec_tag
+    tag = coding.tag
     if tagged and tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4:
         context.codec_tag = tag
-    if source.profile in _PROFILES.get(context.name, {}):
-        stream.options["profile"] = _PROFILES[context.name][source.profile]
+    if coding.profile in _PROFILES.get(context.name, {}):
+        stream.options["profile"] = _PROFILES[context.name][coding.profile]
 
 
 # ---- mastering display ---------------------------------------------------------------------------------
 
 
-def _hdr(clip: Clip, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
+def _hdr(clip: ClipFacts, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
     """Returns a clip's mastering display and light levels as encoder settings."""
     side_data = clip.side_data
     settings = []

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import errno
 import io
+import math
 import struct
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -21,9 +23,11 @@ from unshutter.frames.pyav import av
 from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
 from unshutter.storage.files import written_whole
-from unshutter.video.clip import Clip, upright
-from unshutter.video.containers import film_of, opened, packets, time_of
+from unshutter.video.clip import ClipFacts, look
+from unshutter.video.containers import COVER, FilmFile, opened, time_of
+from unshutter.video.decode import frames_of
 from unshutter.video.encoders import REDUCED, Encoder, other_encoders
+from unshutter.video.pixels import upright
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
@@ -35,10 +39,8 @@ RateCallback: TypeAlias = Callable[[float, float], None]  # receives the bit rat
 _TELLING_S = 2.0  # s of the new film from which its size is predicted
 _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-_COVER = 0x400  # FFmpeg's disposition of attached pictures
 _PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
 _CLOCKS = ("mpegts", "mpeg")  # formats whose times begin anywhere
-_LOOKED_AT = 1000  # packets among which the first ones of all streams are looked for
 _FORMATS = {  # FFmpeg's formats that write one file, and that is a film
     ending: name
     for name, endings in {
@@ -76,11 +78,16 @@ _MP4 = (".mp4", ".mov", ".m4v")
 
 
 class FilmWriter:
-    """Writes a film from frames and packets, in order.
+    """Writes a film from two streams: frames, and packets of the clip's other streams, which are merged by time.
+
+    Attributes:
+        waiting: packets, in order, that are written before the next later frame. They may be added by another thread.
+        left_out: what the film cannot hold.
+        covers: cover pictures that are not written with the film.
 
     Args:
         container: PyAV's, open for writing.
-        source: the input file, open.
+        source: the clip's file, open.
         ending: file ending of the film, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
         start_s: time in the input that becomes 0 in the new film [s].
@@ -90,8 +97,8 @@ class FilmWriter:
     def __init__(
         self,
         container: Any,
-        source: Any,
-        clip: Clip,
+        source: FilmFile,
+        clip: ClipFacts,
         encoder: Encoder,
         ending: str | None,
         size: tuple[int, int],
@@ -99,19 +106,20 @@ class FilmWriter:
         on_rate: RateCallback | None = None,
     ):
         self._container, self._pixel_format = container, encoder.pixel_format
-        like = film_of(source, clip.path)
-        self._stream = encoder.add_to(container, like, clip, size)
+        like = source.film
+        self._stream = encoder.add_to(container, clip, size)
         self._streams: dict[int, Any] = {}
+        self.waiting: deque[Packet] = deque()
         self.left_out: list[str] = []
         self.covers: list[bytes] = []
         self._stream.metadata.update(_portable_tags(like.metadata))
         with suppress(ValueError, AttributeError):
             self._stream.disposition = like.disposition
         if ending is not None:
-            container.metadata.update(_portable_tags(source.metadata))
-            self._add_others(source, like, ending)
-            if source.chapters():
-                container.set_chapters(source.chapters())
+            container.metadata.update(_portable_tags(source.container.metadata))
+            self._add_others(source, clip.others.first, ending)
+            if source.container.chapters():
+                container.set_chapters(source.container.chapters())
         self._shift = start_s
         self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
@@ -122,15 +130,14 @@ class FilmWriter:
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
-    def _add_others(self, source: Any, film: Any, ending: str) -> None:
-        first = _first_packets(source, film)
-        for stream in source.streams:
-            if stream.index == film.index:
+    def _add_others(self, source: FilmFile, first: dict[int, bytes], ending: str) -> None:
+        for stream in source.container.streams:
+            if stream.index == source.film.index:
                 continue
             packet, tags = first.get(stream.index), stream.metadata
-            if stream.type == "data" and packet is None and source.chapters() and "timecode" not in tags:
+            if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
                 continue  # the titles of the chapters, which the container writes again
-            cover = bytes(packet) if packet is not None and stream.disposition & _COVER else None
+            cover = packet if stream.disposition & COVER else None
             if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
                 self._stream.metadata["timecode"] = tags["timecode"]  # the container makes its own track from it
             elif cover is not None and ending in _MP4:
@@ -139,14 +146,15 @@ class FilmWriter:
                 kind = "image/png" if cover is not None and stream.codec_context.name == "png" else "image/jpeg"
                 name, kind = tags.get("filename") or f"cover.{kind[-3:]}", tags.get("mimetype") or kind
                 self._container.add_attachment(name, kind, stream.data if cover is None else cover)
-            elif _takes(ending, stream.type, partial(_add_copy, stream=stream, packet=packet or av().Packet(bytes(4)))):
-                self._streams[stream.index] = copy = _add_copy(self._container, stream)
+            elif _takes(ending, stream.type, partial(_begin_copy, path=source.path, stream=stream, data=packet)):
+                self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
                 copy.metadata.update(_portable_tags(tags))
             else:
                 self.left_out.append(f"stream {stream.index} ({_name(stream)})")
 
     def add_frame(self, frame: VideoFrame) -> None:
-        """Writes the next rectified frame, with the times of the original."""
+        """Writes the next rectified frame, with the times of the original, after the packets that come before it."""
+        self._add_packets(frame.time or 0.0)
         if frame.format.name != self._pixel_format:
             frame = frame.reformat(format=self._pixel_format)
         frame.pict_type = 0  # the encoder chooses the key frames
@@ -157,7 +165,11 @@ class FilmWriter:
             frame.time_base = base
         self._put(lambda: self._add_encoded(self._stream.encode(frame)))
 
-    def add_packet(self, packet: Packet) -> None:
+    def _add_packets(self, until_s: float) -> None:
+        while self.waiting and (self.waiting[0].dts or 0) * self.waiting[0].time_base <= until_s:
+            self._add_packet(self.waiting.popleft())
+
+    def _add_packet(self, packet: Packet) -> None:
         """Writes the next packet of another stream."""
         copy = self._streams.get(packet.stream_index)
         if copy is None or packet.dts is None or (packet.is_discard and (time_of(packet) or 0.0) < -_PRIMING_S):
@@ -173,6 +185,7 @@ class FilmWriter:
 
     def end(self) -> None:
         """Completes the file after the last frame."""
+        self._add_packets(math.inf)
         self._put(lambda: self._add_encoded(self._stream.encode(None)))
         self._put(self._container.close)
 
@@ -182,11 +195,11 @@ class FilmWriter:
             self._bytes, self._packets = self._bytes + packet.size, self._packets + 1
         self._container.mux(encoded)
         seconds = self._packets * self._clip.interval_s
-        if self._on_rate is None or seconds < _TELLING_S or not self._clip.bits_per_s:
+        if self._on_rate is None or seconds < _TELLING_S or not self._clip.coding.bits_per_s:
             return
         rate = 8 * self._bytes / seconds
-        if not 1 / _ALIKE < rate / self._clip.bits_per_s < _ALIKE:
-            self._on_rate(self._clip.bits_per_s, rate)
+        if not 1 / _ALIKE < rate / self._clip.coding.bits_per_s < _ALIKE:
+            self._on_rate(self._clip.coding.bits_per_s, rate)
         self._on_rate = None
 
     def _put(self, step: Any) -> None:
@@ -241,35 +254,32 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
             container.close()
 
 
-def start_of(clip: Clip, source: Any, ending: str) -> float:
+def start_of(clip: ClipFacts, ending: str) -> float:
     """Returns the time of a clip that becomes 0 in a film of another kind [s], which may hide what is before 0."""
-    start_s, kind = (source.start_time or 0) / 1e6, source.format.name
-    if kind in _CLOCKS and kind != _FORMATS[ending]:
-        return start_s
-    return min(start_s, 0.0) if clip.timing.start < 0 else 0.0
+    if clip.kind in _CLOCKS and clip.kind != _FORMATS[ending]:
+        return clip.start_s
+    return min(clip.start_s, 0.0) if clip.timing.start < 0 else 0.0
 
 
-def holds_covers(ending: str, source: Any) -> bool:
-    """Whether a film of this file ending gets its cover pictures from ``mp4_movie.write_with_covers``."""
-    return ending.lower() in _MP4 and any(stream.disposition & _COVER for stream in source.streams.video)
+def holds_covers(ending: str, clip: ClipFacts) -> bool:
+    """Whether a film of this file ending gets its cover pictures from ``mp4.write_with_covers``."""
+    return ending.lower() in _MP4 and clip.others.has_covers
 
 
-def fitted(encoder: Encoder, clip: Clip, ending: str) -> Encoder:
+def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     """Returns the encoder as a film of some file ending takes it: with the clip's codec tag if possible."""
 
     def add_frame(container: Any) -> None:
-        stream = trial.add_to(container, like, clip, (clip.height, clip.width))
+        stream = trial.add_to(container, clip, (clip.height, clip.width))
         frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
         frame.pts, frame.time_base = 0, stream.codec_context.time_base
         for packet in [*stream.encode(frame), *stream.encode(None)]:
             packet.dts = packet.pts  # which libx265 gets wrong for a single frame
             container.mux(packet)
 
-    with clip.opened() as source:
-        like = film_of(source, clip.path)
-        for trial in (encoder, replace(encoder, tagged=False)):
-            if _takes(ending, "video", add_frame):
-                return trial
+    for trial in (encoder, replace(encoder, tagged=False)):
+        if _takes(ending, "video", add_frame):
+            return trial
     raise UnshutterError(
         f"cannot write {encoder.name} into {ending} films ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
         f"{other_encoders(encoder.pixel_format, encoder.name)}"
@@ -291,41 +301,31 @@ def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
         return False
 
 
-def _add_copy(container: Any, stream: Any, packet: Packet | None = None) -> Any:
-    """Returns a stream like another in a container, with its first packet if there is one."""
+def _begin_copy(container: Any, path: str, stream: Any, data: bytes | None) -> None:
+    """Adds a stream like another to a container, with a first packet of these data."""
+    packet = av().Packet(bytes(4) if data is None else data)
+    packet.stream, packet.pts, packet.dts = _add_copy(container, path, stream), 0, 0
+    container.mux(packet)
+
+
+def _add_copy(container: Any, path: str, stream: Any) -> Any:
+    """Returns a stream of a container that is like another, of the clip's file."""
     sound = stream.codec_context if stream.type == "audio" else None  # None, too, if FFmpeg does not know the codec
     if sound is not None and sound.delay > _PRIMING_S * stream.rate:
         # FFmpeg 9 calls all sound that an edit list hides priming, and the new film would be silent for as long
-        with opened(stream.container.name, ignore_editlist="1") as source:
-            copy = container.add_stream_from_template(source.streams[stream.index], opaque=True)
+        with opened(path, ignore_editlist="1") as source:
+            copy = container.add_stream_from_template(source.container.streams[stream.index], opaque=True)
     else:
         copy = container.add_stream_from_template(stream, opaque=True)
     with suppress(ValueError, AttributeError):
         copy.disposition = stream.disposition
     if sound is not None and "channels" in sound.layout.name and stream.channels <= 2:
         copy.codec_context.layout = ("mono", "stereo")[stream.channels - 1]  # as players take it; MP4 must say it
-    if packet is not None:
-        packet.stream, packet.pts, packet.dts = copy, 0, 0
-        container.mux(packet)
     return copy
 
 
-def _first_packets(source: Any, film: Any) -> dict[int, Packet]:
-    """Returns the first packets of the streams other than the film, by their indices."""
-    missing = {stream.index for stream in source.streams if stream.type != "attachment"} - {film.index}
-    first: dict[int, Packet] = {}
-    if missing:
-        for packet in islice(packets(source, None, "the clip"), _LOOKED_AT):
-            if packet.size and packet.stream_index in missing:
-                missing.remove(packet.stream_index)
-                first[packet.stream_index] = packet
-            if not missing:
-                break
-    return first
-
-
 def _name(stream: Any) -> str:
-    if stream.disposition & _COVER:
+    if stream.disposition & COVER:
         return "cover picture"
     tags, codec = stream.metadata, stream.codec_context
     codec_name = f", {codec.name}" if codec is not None else ""
@@ -348,14 +348,16 @@ _FILMS = (".mp4", ".mov", ".mkv")
 _PREVIEWS = (".jpg", ".jpeg", ".png")
 
 
-def write_preview(path: Path, before: Clip, after: str, start_s: float | None, frames: int, overwrite: bool) -> None:
+def write_preview(
+    path: Path, before: ClipFacts, after: str, start_s: float | None, frames: int, overwrite: bool
+) -> None:
     """Writes a preview of a rectified clip.
 
     Args:
         start_s: time in the original at which the rectified part begins [s]; None if it is the whole clip.
         frames: number of frames in the rectified file.
     """
-    both = zip(before.iter_frames(start_s or None), Clip.look(after).iter_frames(), strict=False)
+    both = zip(frames_of(before, start_s or None), frames_of(look(after)), strict=False)
     pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
     if path.suffix.lower() not in _FILMS:
         moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}

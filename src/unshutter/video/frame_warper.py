@@ -29,7 +29,8 @@ from unshutter.motion.grid import EdgePolicy, Tile, valid_window
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
-from unshutter.video.clip import COPY_SIDE, Clip, ClipRequest, SidePacket
+from unshutter.video.clip import COLOURS, ClipFacts, ClipRequest
+from unshutter.video.decode import COPY_SIDE
 from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, warp_plane
 from unshutter.video.gyro_fit import GyroTurns
 
@@ -98,34 +99,30 @@ def grey_copies(request: ClipRequest, frames: Iterable[VideoFrame]) -> Iterator[
 
 def with_motion(
     request: ClipRequest,
-    items: Iterable[VideoFrame | SidePacket],
+    frames: Iterable[VideoFrame],
     time: ReadoutTime,
     turns: GyroTurns | None = None,
     whole_path: bool = False,
-) -> Iterator[MovingFrame | SidePacket]:
-    """Yields the items of a clip, its frames with their motion; they are delayed by some frames.
+) -> Iterator[MovingFrame]:
+    """Yields the frames of a clip with their motion; they are delayed by some frames.
 
     Args:
         turns: the camera's rotation from a gyro; None to use only the frames.
         whole_path: whether the camera's rotation is needed even where it is too small to be undone.
     """
     camera = camera_motion(request, time, turns, whole_path)
-    waiting: deque[VideoFrame | SidePacket] = deque()
+    waiting: deque[VideoFrame] = deque()
 
-    def frames() -> Iterator[VideoFrame]:
-        for item in items:
-            waiting.append(item)
-            if not isinstance(item, SidePacket):
-                yield item
+    def read() -> Iterator[VideoFrame]:
+        for frame in frames:
+            waiting.append(frame)
+            yield frame
 
     last = None
-    for motion, small in _bridged(camera.motions(grey_copies(request, frames()))):
-        while isinstance(item := waiting.popleft(), SidePacket):
-            yield item
-        step = motion.step_from(last)
-        yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
+    for motion, small in _bridged(camera.motions(grey_copies(request, read()))):
+        cut, step = last is not None and motion.scene != last.scene, motion.step_from(last)
+        yield MovingFrame(waiting.popleft(), small, cut=cut, step=step)
         last = motion
-    yield from (item for item in waiting if isinstance(item, SidePacket))  # all frames have their motion by now
 
 
 def small_motion(motion: FrameMotion) -> Motion:
@@ -221,28 +218,19 @@ class LinkedFrame:
         return FrameMap.along(shift, self.readout, frame.height, frame.width, self.moving.view)
 
 
-def linked(
-    request: ClipRequest, items: Iterable[MovingFrame | SidePacket], ratio: float
-) -> Iterator[LinkedFrame | SidePacket]:
-    """Yields the items of a clip, with frames linked to their neighbours; three frames are held at a time."""
+def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) -> Iterator[LinkedFrame]:
+    """Yields the frames of a clip linked to their neighbours; three are held at a time."""
     timing = Timing(ratio, request.frame_size[0])
     before: _Copied | None = None
     current: _Copied | None = None
-    packets: list[SidePacket] = []  # that follow the current frame
-    for item in items:
-        if isinstance(item, SidePacket):
-            packets.append(item)
-            continue
-        following = _Copied.of(request, item)
+    for moving in frames:
+        following = _Copied.of(request, moving)
         if current is not None:
             current.connect(request.clip, following, ratio)
             yield current.with_neighbours(before, following, timing, request.readout)
-        yield from packets
-        packets.clear()
         before, current = current, following
     if current is not None:
         yield current.with_neighbours(before, None, timing, request.readout)
-    yield from packets
 
 
 @dataclass
@@ -262,7 +250,7 @@ class _Copied:
         planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
         return cls(moving, request.grey(moving.frame, side), planes)
 
-    def connect(self, clip: Clip, following: _Copied, ratio: float) -> None:
+    def connect(self, clip: ClipFacts, following: _Copied, ratio: float) -> None:
         """Computes the flow to the next frame, unless they are not neighbours or show different scenes."""
         apart = clip.since(self.moving.frame, following.moving.frame)
         if apart is None or apart < ratio:
@@ -283,7 +271,6 @@ class _Copied:
 
 
 _SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
-_COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # FFmpeg's code
 _COARSE = 8  # px between points checked for a crop; its multiples are whole chroma pixels
 
@@ -300,7 +287,7 @@ class NewFrame:
 class Warper:
     """Renders the rectified frames of a clip."""
 
-    clip: Clip
+    clip: ClipFacts
     undo: ClipUndo  # how motion is undone
     window: Tile | None = None  # the part of each frame to keep; None for all of it
     _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
@@ -315,11 +302,9 @@ class Warper:
         """Returns the part of a frame's motion that is undone, at the reference row."""
         return moving.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
 
-    def __call__(self, item: MovingFrame | LinkedFrame | SidePacket) -> NewFrame | SidePacket:
-        """Returns the frame to encode; passes packets on unchanged."""
-        if isinstance(item, SidePacket):
-            return item
-        return self._by_flow(item) if isinstance(item, LinkedFrame) else self.rectified(item)
+    def __call__(self, frame: MovingFrame | LinkedFrame) -> NewFrame:
+        """Returns the frame to encode."""
+        return self._by_flow(frame) if isinstance(frame, LinkedFrame) else self.rectified(frame)
 
     def rectified(self, moving: MovingFrame) -> NewFrame:
         """Rectifies a frame by the camera's motion."""
@@ -391,7 +376,7 @@ class Warper:
         if self.window is not None:
             picture = self._cut(picture)
         picture.pts, picture.time_base = frame.pts, frame.time_base
-        for name in _COLOURS:
+        for name in COLOURS:
             setattr(picture, name, getattr(frame, name))
         return picture
 
@@ -426,15 +411,13 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
     return Tile(*(_COARSE * side for side in window))
 
 
-def side_by_side(
-    warper: Warper, items: Iterable[MovingFrame | LinkedFrame | SidePacket], threads: int
-) -> Generator[NewFrame | SidePacket]:
-    """Yields the frames to encode, in order, several warped in parallel; passes packets on unchanged."""
-    running: deque[Future[NewFrame | SidePacket]] = deque()
+def side_by_side(warper: Warper, frames: Iterable[MovingFrame | LinkedFrame], threads: int) -> Generator[NewFrame]:
+    """Yields the frames to encode, in order, several warped in parallel."""
+    running: deque[Future[NewFrame]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         try:
-            for item in items:
-                running.append(pool.submit(warper, item))
+            for frame in frames:
+                running.append(pool.submit(warper, frame))
                 if len(running) > threads:
                     yield running.popleft().result()
             while running:

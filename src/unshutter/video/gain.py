@@ -23,7 +23,8 @@ from unshutter.options.clip_options import ClipUndo
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import ClipRequest, ahead
+from unshutter.video.clip import ClipRequest
+from unshutter.video.decode import ahead, frames_of
 from unshutter.video.frame_warper import camera_motion, grey_copies, small_motion
 from unshutter.video.gyro_fit import GyroTurns
 
@@ -140,7 +141,7 @@ def _examined(
     for part in parts_s:
         before = None
         camera = camera_motion(request, time, turns, whole_path=True, keep_out=_KEPT_OUT, focal_px=focal_px)
-        for motion in camera.motions(grey_copies(request, ahead(request.clip.iter_frames(*part), _AHEAD))):
+        for motion in camera.motions(grey_copies(request, ahead(frames_of(request.clip, *part), _AHEAD))):
             gain.add(before, motion, request.options.undo)
             before = motion
             if motion.fit is not None:

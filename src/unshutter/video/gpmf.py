@@ -89,13 +89,12 @@ def packets(movie: Movie) -> Iterator[tuple[Chunk, bytes]]:
                 yield packet, movie.stream.read(min(packet.size, _LONGEST_PACKET))
 
 
-def settings(path: str) -> dict[bytes, bytes]:
+def settings(movie: Movie) -> dict[bytes, bytes]:
     """Returns the camera's settings in a clip's file, which stand outside the track, by their keys."""
-    with suppress(OSError, NotPlainError, KeyError, struct.error, IndexError, ValueError), open(path, "rb") as stream:
-        for name, content in Movie.read(stream).others:
-            for inner, data in inside(content) if name == b"udta" else ():
-                if inner == b"GPMF":
-                    return {entry.key: entry.content for entry in entries(data)}
+    for name, content in movie.others:
+        for inner, data in inside(content) if name == b"udta" else ():
+            if inner == b"GPMF":
+                return {entry.key: entry.content for entry in entries(data)}
     return {}
 
 

@@ -14,7 +14,6 @@ Errors of tracks follow Student's t.
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -30,8 +29,9 @@ from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.storage.files import read_text
-from unshutter.video import cameras, gpmf
-from unshutter.video.clip import ClipRequest, followed
+from unshutter.video import cameras
+from unshutter.video.clip import ClipRequest
+from unshutter.video.decode import followed
 
 
 def lens_of_clip(request: ClipRequest) -> Lens | None:
@@ -391,8 +391,8 @@ def _listed(request: ClipRequest) -> Lens | None:
         else named_lenses(named)
     )
     alike = [each for each in known if {each.width, each.height} == {clip.width, clip.height}]
-    stated = gpmf.settings(clip.path).get(b"ZFOV", b"")
-    if alike and len(stated) == 4 and 0 < (view := struct.unpack(">f", stated)[0]) < _WIDEST_VIEW:
+    view = clip.camera.view_degrees
+    if alike and view is not None and 0 < view < _WIDEST_VIEW:
         alike = [each for each in alike if abs(each.degrees / view - 1) < _NEAR]
     degrees = [each.degrees for each in alike]
     if not alike or max(degrees) > (1 + _AGREE) * min(degrees):

@@ -31,6 +31,9 @@ class NotPlainError(ValueError):
     """A file whose tracks cannot be taken apart: fragmented, damaged, or with samples stored elsewhere."""
 
 
+DAMAGE = (OSError, KeyError, struct.error, IndexError, ValueError)  # what reading a damaged file raises
+
+
 def box(name: bytes, content: bytes) -> bytes:
     """Returns a box with its header."""
     return struct.pack(">I4s", len(content) + 8, name) + content
@@ -40,9 +43,9 @@ def box(name: bytes, content: bytes) -> bytes:
 class Chunk:
     """Consecutive samples of a track."""
 
-    at_s: float  # time of the first sample [s]. start, size: position and length in the file [bytes].
-    start: int
-    size: int
+    at_s: float  # time of the first sample [s]
+    start: int  # position in the file [bytes]
+    size: int  # length [bytes]
 
 
 @dataclass(frozen=True)
@@ -321,15 +324,13 @@ def _by_time(tracks: list[list[Chunk]]) -> Iterator[tuple[int, int]]:
 # ---- replacing the film ----------------------------------------------------------------------------------
 
 
-def can_take(path: str) -> bool:
+def can_take(movie: Movie) -> bool:
     """Whether a file can be taken apart and reassembled."""
     try:
-        with open(path, "rb") as stream:
-            movie = Movie.read(stream)
-            movie.film()
-            for track in movie.tracks:
-                track.chunks()
-    except (OSError, NotPlainError, KeyError, struct.error, IndexError):
+        movie.film()
+        for track in movie.tracks:
+            track.chunks()
+    except DAMAGE:
         return False
     return True
 

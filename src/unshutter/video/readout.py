@@ -3,23 +3,12 @@
 The frames are searched in parts of the clip, which must agree. A clip is never rejected because its readout time is
 unknown. The usual value comes with a range, and if the frames cannot show a difference for any time in that range,
 nothing is changed.
-
-Cameras write readout times into MP4 and QuickTime files. GoPro: SROT, in the telemetry track [ms]. Apple: a key of the
-movie or of the film's track [us]. CAMM, the motion metadata of Android and street-view cameras: packets of type 1, the
-skew from the first row to the last [ns].
-
-Sources: gopro/gpmf-parser, README (the key); QuickTime File Format Specification (metadata
-keys); Google, Camera Motion Metadata Specification 1.0; names of keys as exiftool.org lists them (facts only).
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice, pairwise
-from statistics import median
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,14 +17,13 @@ from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import focal_from_motion, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks
 from unshutter.motion.verdict import LEAST_PX
-from unshutter.photo.boxes import inside
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras, gpmf
-from unshutter.video.clip import ClipRequest, followed
+from unshutter.video import cameras
+from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
-from unshutter.video.mp4 import Movie, NotPlainError
+from unshutter.video.decode import followed
 
 _PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
 _MOST_PARTS = 12
@@ -51,12 +39,12 @@ def camera_of_clip(request: ClipRequest, found: ReadoutTime | None = None) -> tu
     """Returns the readout time of a clip's camera, from the user or the clip unless it was found, and its gyro log."""
     clip, shutter = request.clip, request.options.shutter
     stated = shutter.readout_time(clip.interval_s)
-    tag = readout_tag(clip.path) if stated is None else None
+    tag = clip.camera.readout if stated is None else None
     gyro = gyro_of_clip(request, stated or tag)
     time = stated or found or (gyro and gyro.readout_time)
     if time is None:
         stabilised = None if gyro is None else gyro.stabilised
-        if stabilised is None and (gyro is None or gyro.turns is None) and is_stabilised(clip.path):
+        if stabilised is None and (gyro is None or gyro.turns is None) and clip.camera.is_stabilised:
             stabilised = Reason(Code.STABILISED_IN_CAMERA)
         time = readout_time_of_clip(request, tag, stabilised)
     time = time.in_frames(clip.interval_s)
@@ -201,95 +189,3 @@ def too_little_to_see(request: ClipRequest, longest_ratio: float) -> Visibility 
         frames += 1
         steps.advance()
     return None if lost > _LOST_SHARE * frames or frames < 2 else Visibility(largest, frames)
-
-
-# ---- the time in the clip's file ------------------------------------------------------------------------------
-
-_MOST_CHUNKS, _LONGEST_CHUNK = 20, 1 << 22  # most chunks of a track that are read; most bytes of one
-_SHORTEST_MS, _LONGEST_MS = 0.1, 1000.0  # plausible readout times
-_APPLE_KEY = b"com.apple.quicktime.camera.framereadouttimeinmicroseconds"
-_CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # bytes of a packet's content, by its type
-_CAMM_EXPOSURE = 1
-_KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of floating-point values
-_TEXT, _SIGNED, _UNSIGNED = 1, (21, 65, 66, 67, 74), (22, 75, 76, 77, 78)
-
-
-def readout_tag(path: str) -> ReadoutTime | None:
-    """Reads the readout time stored by a clip's camera; returns None if it is missing or implausible."""
-    with suppress(OSError, NotPlainError, KeyError, struct.error, IndexError, ValueError), open(path, "rb") as stream:
-        movie = Movie.read(stream)
-        for writer, times in (("Apple", _apple(movie)), ("GoPro", _gopro(movie)), ("CAMM", _camm(movie))):
-            plausible = [ms for ms in times if _SHORTEST_MS <= ms <= _LONGEST_MS]
-            if plausible:
-                return ReadoutTime.of_ms(median(plausible), "the clip's file", writer)
-    return None
-
-
-def is_stabilised(path: str) -> bool:
-    """Whether a clip's camera states that it stabilised the clip: EISE in GoPro's settings, listed by exiftool.org."""
-    return gpmf.settings(path).get(b"EISE", b"")[:1] == b"Y"
-
-
-def _apple(movie: Movie) -> Iterator[float]:
-    holders = [movie.others, *(list(inside(track.content)) for track in movie.tracks)]
-    for name, content in (box for holder in holders for box in holder):
-        if name == b"meta":
-            yield from (value / 1000 for value in _apple_values(content))
-
-
-def _apple_values(meta: bytes) -> Iterator[float]:
-    boxes = dict(inside(meta if meta[4:8] == b"hdlr" else meta[4:]))  # it starts with a version in MP4 only
-    names, at = [], 8
-    keys = boxes.get(b"keys", b"")
-    while at + 8 <= len(keys):
-        (size,) = struct.unpack_from(">I", keys, at)
-        names.append(keys[at + 8 : at + size])
-        at += max(size, 8)
-    for index, item in inside(boxes.get(b"ilst", b"")):
-        number = int.from_bytes(index, "big")
-        if 1 <= number <= len(names) and names[number - 1] == _APPLE_KEY:
-            for name, content in inside(item):
-                if name == b"data" and (value := _number(content)) is not None:
-                    yield value
-
-
-def _number(data: bytes) -> float | None:
-    """Returns the value of a ``data`` box, which holds a type, a language and bytes."""
-    kind, value = int.from_bytes(data[:4], "big"), data[8:]
-    if (kind, len(value)) in _KEY_NUMBERS:
-        return struct.unpack(_KEY_NUMBERS[kind, len(value)], value)[0]
-    if kind in (*_SIGNED, *_UNSIGNED) and 0 < len(value) <= 8:
-        return float(int.from_bytes(value, "big", signed=kind in _SIGNED))
-    if kind == _TEXT:
-        with suppress(ValueError):
-            return float(value.decode("ascii"))
-    return None
-
-
-def _gopro(movie: Movie) -> Iterator[float]:
-    for _, packet in islice(gpmf.packets(movie), _MOST_CHUNKS):
-        for entry in gpmf.entries(packet):
-            if entry.key == b"SROT":
-                yield from entry.numbers.ravel().tolist()
-
-
-def _camm(movie: Movie) -> Iterator[float]:
-    """Yields the skews in CAMM packets, which hold two reserved bytes, a type, and the content."""
-    for chunk in _chunks(movie, b"camm"):
-        at = 0
-        while at + 4 <= len(chunk):
-            (kind,) = struct.unpack_from("<H", chunk, at + 2)
-            if kind not in _CAMM_BYTES:
-                break
-            if kind == _CAMM_EXPOSURE:
-                _, skew_ns = struct.unpack_from("<2i", chunk, at + 4)
-                yield skew_ns / 1e6
-            at += 4 + _CAMM_BYTES[kind]
-
-
-def _chunks(movie: Movie, kind: bytes) -> Iterator[bytes]:
-    for track in movie.tracks:
-        if track.sample_kind == kind:
-            for chunk in track.chunks()[:_MOST_CHUNKS]:
-                movie.stream.seek(chunk.start)
-                yield movie.stream.read(min(chunk.size, _LONGEST_CHUNK))

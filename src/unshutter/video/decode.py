@@ -1,0 +1,118 @@
+"""The frames of a clip: decoded ahead of their use, with the packets of other streams that lie between them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.tracks import Background, Tracks, background, follow
+from unshutter.video import containers
+from unshutter.video.clip import ClipFacts, ClipRequest, interlaced
+from unshutter.video.containers import FilmFile
+
+if TYPE_CHECKING:
+    from av import Packet, VideoFrame
+
+_LARGE = 6_000_000  # px: such frames are decoded one at a time, to save memory; other steps take longer
+DECODED_AHEAD = 2  # frames, if they are small
+
+
+def frames_of(clip: ClipFacts, start: float | None = None, end: float | None = None) -> Generator[VideoFrame]:
+    """Opens a clip and yields the frames between two times [s] in presentation order; None means no limit."""
+    with clip.opened() as file:
+        yield from decode(file, clip, start, end)
+
+
+def decode(
+    file: FilmFile, clip: ClipFacts, start: float | None, end: float | None, others: deque[Packet] | None = None
+) -> Iterator[VideoFrame]:
+    """Yields the frames of an open clip between two times [s] in presentation order; None means no limit.
+
+    Args:
+        others: receives the packets of the other streams between these times, as they are met.
+    """
+    film = file.film
+    film.thread_type = "AUTO" if clip.height * clip.width < _LARGE else "SLICE"
+    if start and start - clip.lead_s > clip.expected.start_s:
+        file.container.seek(int((start - clip.lead_s) / film.time_base), stream=film)
+    times = containers.Times(clip.timing)
+    for packet in file.packets():
+        if not file.is_of_film(packet):
+            if others is not None and packet.dts is not None and _is_within(containers.time_of(packet), start, end):
+                others.append(packet)
+            continue
+        for frame in containers.decoded(packet, file.path):
+            times.set(frame)
+            if _is_within(frame.time, start, end):
+                yield _checked(frame, clip)
+            elif others is None and end is not None and (frame.time or 0) >= end:
+                return
+
+
+def _is_within(at: float | None, start: float | None, end: float | None) -> bool:
+    return at is None or ((start is None or at >= start - 1e-6) and (end is None or at < end))
+
+
+def _checked(frame: VideoFrame, clip: ClipFacts) -> VideoFrame:
+    if frame.is_corrupt:
+        raise containers.damaged(clip.path, frame.time)
+    if frame.interlaced_frame:
+        raise interlaced(clip.path)
+    if (frame.width, frame.height, frame.format.name) != (clip.width, clip.height, clip.pixels.name):
+        raise UnshutterError(
+            f"{{clip}}: its frames change in size or format at {frame.time or 0:.1f} s", clip=clip.path
+        )
+    return frame
+
+
+# ---- ahead of their use --------------------------------------------------------------------------------------------
+
+_T = TypeVar("_T")
+_END = object()
+
+
+def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
+    """Yields the items, computed by a separate thread up to ``most`` ahead; re-raises its errors.
+
+    When the iterator is closed, the thread ends after its current item and closes its own source.
+    """
+    source, waiting = iter(items), deque[Future[Any]]()
+    with ThreadPoolExecutor(1) as thread:
+        try:
+            waiting.extend(thread.submit(next, source, _END) for _ in range(most))
+            while (item := waiting.popleft().result()) is not _END:
+                waiting.append(thread.submit(next, source, _END))
+                yield item
+        finally:
+            for future in waiting:
+                future.cancel()
+            if isinstance(source, Generator):
+                thread.submit(source.close)
+
+
+COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
+_FOLLOWED_AHEAD = 3  # frames
+
+
+def followed(
+    request: ClipRequest, start: float | None, end: float | None, side: int = COPY_SIDE
+) -> Iterator[tuple[VideoFrame, float | None, Tracks | None, Background | None]]:
+    """Yields the frames between two times [s], each with tracks of corners since the previous one.
+
+    Args:
+        start, end: the times; None means no limit.
+        side: short side of the grey copies in which corners are tracked [px].
+
+    Yields:
+        The frame; the time since the previous one (:meth:`ClipFacts.since`); and, except for the first frame, all
+        tracks and those of the background.
+    """
+    clip, before, grey_before = request.clip, None, None
+    for frame in ahead(frames_of(clip, start, end), _FOLLOWED_AHEAD):
+        grey = request.grey(frame, side)
+        tracks = None if grey_before is None else follow(grey_before, grey, request.lens)
+        yield frame, clip.since(before, frame), tracks, None if tracks is None else background(tracks)
+        before, grey_before = frame, grey

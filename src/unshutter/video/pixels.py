@@ -1,0 +1,95 @@
+"""The pixels of a clip's frames: their planes as arrays, small grey copies, and the way up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from unshutter.errors import UnshutterError
+
+if TYPE_CHECKING:
+    import av
+    from av import VideoFrame
+
+    from unshutter.motion.shapes import UInt, UInt8
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Storage of one plane of a pixel format."""
+
+    bands: int  # consecutive values per pixel: 3 in packed RGB, 2 in the chroma of NV12
+    across: int  # columns of the frame per column of the plane
+    down: int  # rows of the frame per row of the plane
+    black: int  # value of black in limited-range frames
+    black_full: int  # value of black in full-range frames
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """A pixel format whose planes can be warped."""
+
+    name: str  # FFmpeg's name of the format
+    depth: int  # bits per value
+    planes: tuple[Plane, ...]  # in the order of the format
+
+    @classmethod
+    def of(cls, pixel_format: av.VideoFormat | None) -> PixelFormat:
+        """Returns the planes of an FFmpeg pixel format."""
+        if pixel_format is None:
+            raise UnshutterError("the clip does not state its pixel format")
+        name, components = pixel_format.name, pixel_format.components
+        by_plane = [[c for c in components if c.plane == k] for k in range(1 + max(c.plane for c in components))]
+        depth = components[0].bits
+        odd = any(len({(c.bits, c.width) for c in inside}) > 1 for inside in by_plane)
+        packed = max(map(len, by_plane)) > 1
+        if odd or pixel_format.has_palette or pixel_format.is_bit_stream or not 8 <= depth <= 16 or name.endswith("be"):
+            raise UnshutterError(f"cannot process the pixel format {name}: convert the clip to yuv420p first")
+        if packed and depth not in (8, 16):  # P010 and similar formats place their bits differently
+            raise UnshutterError(f"cannot process the pixel format {name}: convert the clip to yuv420p10le first")
+        planes = []
+        for k, inside in enumerate(by_plane):
+            across, down = -(-pixel_format.width // inside[0].width), -(-pixel_format.height // inside[0].height)
+            chroma = not pixel_format.is_rgb and k in (1, 2)
+            luma = not pixel_format.is_rgb and k == 0
+            black = (1 << depth) // 2 if chroma else 0
+            planes.append(Plane(len(inside), across, down, (1 << depth) // 16 if luma else black, black))
+        return cls(name, depth, tuple(planes))
+
+    def arrays(self, frame: av.VideoFrame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
+        """Returns the planes of a frame: views of its memory, valid as long as the frame exists."""
+        dtype = np.dtype(np.uint8 if self.depth == 8 else "<u2")
+        views = []
+        for stored, plane in zip(frame.planes, self.planes, strict=True):
+            shape, size = (-(-frame.height // plane.down), -(-frame.width // plane.across)), dtype.itemsize
+            strides = (stored.line_size, plane.bands * size)
+            if plane.bands > 1:
+                shape, strides = (*shape, plane.bands), (*strides, size)
+            views.append(np.ndarray(shape, dtype, buffer=memoryview(stored), strides=strides))
+        return views
+
+    def grey(self, frame: av.VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
+        """Returns a small grey copy of a frame, with a short side of about ``side`` px; never larger than the frame."""
+        return small_grey(self.arrays(frame)[0], side, self.depth)
+
+
+def small_grey(
+    plane: UInt[np.ndarray, "height width *bands"], side: int, depth: int
+) -> UInt8[np.ndarray, "rows columns"]:
+    """Returns a small grey copy of a plane: of luma, of packed luma and chroma, or of red, green and blue."""
+    luma = plane
+    if luma.ndim == 3:
+        luma = luma[..., 1] if luma.shape[2] > 2 else luma[..., 0]
+    scale = min(1.0, side / min(luma.shape))
+    size = (max(1, round(luma.shape[1] * scale)), max(1, round(luma.shape[0] * scale)))
+    luma = luma if luma.strides[1] == luma.itemsize else np.ascontiguousarray(luma)
+    small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA))
+    return np.right_shift(small, depth - 8, dtype=small.dtype, casting="unsafe").astype(np.uint8)
+
+
+def upright(pixels: UInt8[np.ndarray, "rows columns 3"], turned_as: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
+    """Returns pixels turned as the frame is to be shown: its file states an angle, anticlockwise."""
+    return np.ascontiguousarray(np.rot90(pixels, round(turned_as.rotation / 90)))
