@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 
 # Names of files and methods may contain line breaks and terminal control codes.
 _FIELD = re.compile(r"\{(--)?(\w[\w-]*)\}")  # of a message: an option or a file
+_NOT_TEXT = re.compile("[\ud800-\udc7f\udd00-\udfff]")  # surrogates, other than those for bytes in names of files
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
 def visible(text: str) -> str:
     """Escapes line breaks and control characters, so that the text fits on one line and cannot affect a terminal."""
-    return text.translate(_VISIBLE)
+    return _NOT_TEXT.sub(lambda found: ascii(found[0])[1:-1], text.translate(_VISIBLE))
 
 
 _LONGEST_VALUE = 60  # characters

@@ -127,3 +127,20 @@ def test_a_slash_says_that_a_folder_is_meant(tmp_path: Path) -> None:
     make_photos(tmp_path, ["a.png", "b.png"])
     assert rectify(tmp_path / "a.png", tmp_path / "b.png", "-o", f"{tmp_path}/one.png/", "--estimator", "none") == 0
     assert sorted(results(tmp_path / "one.png")) == ["a.png", "b.png"]
+
+
+@pytest.mark.parametrize("more", [[], ["--overwrite"], ["--dry-run"], ["--masks", "masks"], ["--jobs", "1"]], ids=str)
+@pytest.mark.parametrize("other", ["y/demo.rectified.jpg", "x/demo.rectified.jpg"])
+def test_a_copy_never_replaces_a_result(other: str, more: list[str], tmp_path: Path, monkeypatch, capsys) -> None:
+    """A photo that may stay unchanged is copied under its own name, which is that of another photo's result."""
+    monkeypatch.chdir(tmp_path)
+    make_photos(tmp_path, ["x/demo.jpg", other])
+    for photos in (["x/demo.jpg", other], [other, "x/demo.jpg"]):
+        assert rectify(*photos, "-o", "out", "--estimator", "none", *more) == 2
+        error = capsys.readouterr().err
+        assert "could both be written to out" in error
+        assert "leave out one of them, or give it a run and a folder of its own" in error
+        assert not (tmp_path / "out").exists()
+    assert rectify("x/demo.jpg", "-o", "out/", "--estimator", "none") == 0
+    assert rectify(other, "-o", "other/", "--estimator", "none") == 0
+    assert len(list(tmp_path.glob("o*/*.jpg"))) == 2

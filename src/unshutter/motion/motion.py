@@ -298,7 +298,7 @@ class Motion(ABC):
         with motion_file.reading():
             data = motion_file.parsed(text)
             first_kinds = "rotations" if "rotations_rad" in data else "rows"  # the earliest files do not name theirs
-            kind, height = str(data.get("kind", first_kinds)), int(data["height"])
+            kind, height = str(data.get("kind", first_kinds)), motion_file.whole(data["height"])
             if kind not in Motion._kinds:
                 _import_method(str(data.get("estimator")))
             if kind not in Motion._kinds:

@@ -121,11 +121,18 @@ def parsed(text: str) -> dict[str, Any]:
     return data
 
 
+def whole(number: Any) -> int:
+    """Returns a whole number of rows or columns; raises ValueError for any other."""
+    if int(number) != number:
+        raise ValueError(f"{number:g} is not a whole number of rows or columns")
+    return int(number)
+
+
 def common_of(data: dict[str, Any]) -> dict[str, Any]:
     """Returns the attributes shared by all kinds of motion."""
     attitude = dict(data.get("attitude") or {})
     return {
-        "width": int(data["width"]),
+        "width": whole(data["width"]),
         "reference": str(data.get("reference", "first")),
         "readout": Readout.parse(data.get("readout", "auto")),
         "estimator": visible(str(data.get("estimator", "given"))),

@@ -51,6 +51,7 @@ def positional(help: str, names: Names, optional: bool = False) -> Any:
 
 
 _LONGEST = 1e9  # of a time, in any unit
+_LARGEST = 1e15  # of any number
 
 
 def check_time(option: str, time: float | None, unit: str) -> None:
@@ -143,10 +144,17 @@ def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
     """Creates a dataclass of options."""
     return kind(
         **{
-            each.key: with_values(each.kind, value) if isinstance(each, Group) else value(each)
+            each.key: with_values(each.kind, value) if isinstance(each, Group) else _not_huge(each, value(each))
             for each in describe(kind)
         }
     )
+
+
+def _not_huge(each: Option, value: T) -> T:
+    """Returns the value of an option; a whole number may have more digits than floating point, and text, can hold."""
+    if isinstance(value, numbers.Rational) and abs(value) > _LARGEST:
+        raise UsageError(f"{{--{each.name}}} is too large: at most {_LARGEST:g}")
+    return value
 
 
 def _option(each: dataclasses.Field, inner: Any) -> Option:
@@ -193,7 +201,14 @@ def _value(option: Option, value: Any) -> Any:
 def check_type(key: str, value: Any, types: Any, allowed: str) -> None:
     """Raises UsageError, which names the keyword and what it allows, if its value is of another type."""
     if not isinstance(value, types):
-        raise UsageError(f"{key} must be {allowed}, got {reprlib.repr(value)}")
+        raise UsageError(f"{key} must be {allowed}, got {_shown(value)}")
+
+
+def _shown(value: Any) -> str:
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # thousands of digits
+        return "a huge number"
 
 
 def for_python(*kinds: type) -> Callable[[F], F]:

@@ -136,7 +136,7 @@ def check_edges(edges: str) -> None:
 def check_strength(strength: float) -> None:
     """Checks the share of the motion to undo."""
     if not 0 <= strength <= MOST_STRENGTH:
-        raise UsageError(f"{{--strength}} must lie between 0 and {MOST_STRENGTH:g}, got {strength:g}")
+        raise UsageError(f"{{--strength}} must lie between 0 and {MOST_STRENGTH:g}, got {min(strength, 1e15):g}")
 
 
 @dataclass(frozen=True)

@@ -186,7 +186,8 @@ def screen_pixels(
 
 def grey_size(height: int, width: int, short_side: int | None) -> tuple[int, int]:
     """Returns height and width of the grey copy of a picture."""
-    scale = 1.0 if short_side is None else min(short_side / min(height, width), 1.0)
+    least = min(height, width)
+    scale = 1.0 if short_side is None or short_side >= least else short_side / least
     return max(round(height * scale), 1), max(round(width * scale), 1)
 
 

@@ -273,7 +273,8 @@ class Photo(FileOutput):
 
     def _size_for(self, longest: int | None) -> tuple[int, int]:
         """Returns height and width [px] of a copy whose longer side is at most this long; None: full size."""
-        scale = 1.0 if longest is None else min(longest / max(self.height, self.width), 1.0)
+        most = max(self.height, self.width)
+        scale = 1.0 if longest is None or longest >= most else longest / most
         return max(round(self.height * scale), 1), max(round(self.width * scale), 1)
 
     # ---- the camera ------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
@@ -203,7 +203,7 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
     for file in (file for pair in targets.items() for file in pair if request.save.keep_times):
         if not isinstance(file, Path):  # only the store sets times of objects
             raise UsageError(f"{{--keep-times}} is for files, and {file} is behind a URL: leave it out")
-    return [
+    jobs = [
         Job(
             source=where(photo),
             target=where(target),
@@ -217,6 +217,8 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
         )
         for photo, target in targets.items()
     ]
+    _check_apart((job.source, target) for job in jobs for target in job.outputs)  # results and unchanged copies
+    return jobs
 
 
 def _plan_targets(inputs: Inputs, goal: Goal, name: Callable[[Place], str]) -> dict[Place, Place]:
@@ -235,12 +237,20 @@ def _is_same(photo: Place, copy: Place) -> bool:
 
 
 def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
-    taken: dict[Place, Place] = {}
-    for photo, target in targets.items():
-        if target in taken:
-            raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")
-        taken[target] = photo
+    _check_apart((photo, target) for photo, target in targets.items())
     return targets
+
+
+def _check_apart(outputs: Iterable[tuple[Place, Place]]) -> None:
+    """Checks that no two photos, each named with a place where it may be written, have a place in common."""
+    taken: dict[Place, Place] = {}
+    for photo, target in outputs:
+        other = taken.setdefault(target, photo)
+        if other != photo:
+            raise UsageError(
+                f"{other} and {photo} could both be written to {target}: leave out one of them, or give it a run and "
+                "a folder of its own"
+            )
 
 
 def motion_targets(inputs: Inputs, goal: Goal) -> dict[Place, Place]:

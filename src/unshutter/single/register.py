@@ -11,6 +11,7 @@ A package of your own can add a method: its entry point in the group ``unshutter
 from __future__ import annotations
 
 import json
+import os
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -117,7 +118,7 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     """
     check_name(name)
     own, _, weights = name.partition("@")
-    if weights and not Path(weights).is_file():
+    if weights and not os.path.isfile(weights):
         raise MissingFileError(f"cannot read weights {weights}: no such file")
     return _built(own, Opened.at(weights) if weights else None)
 

@@ -37,6 +37,7 @@ def open_plain(path: Path, flags: int) -> int:
     """Opens a file in place and returns its descriptor; never blocks, as a pipe could."""
     writing = flags & (os.O_WRONLY | os.O_RDWR)
     doing = "write" if writing else "read"
+    check_name(path)
     try:
         if path.is_symlink():
             raise UnshutterError(
@@ -117,8 +118,19 @@ class JsonLog:
         add_text(self._path, json.dumps({"event": event, **about}) + "\n")
 
 
+def check_name(path: Path) -> None:
+    """Raises UnshutterError for a name that no file can have."""
+    try:
+        known = b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:
+        known = False
+    if not known:
+        raise UnshutterError("no file can have the name {file}: it has characters that are not text", file=path)
+
+
 def check_plain(path: Path) -> None:
     """Checks that reading a file comes to an end; pipes and devices may block indefinitely."""
+    check_name(path)
     with suppress(OSError, ValueError):
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
@@ -210,6 +222,7 @@ Times: TypeAlias = tuple[int, int]  # of the last access and the last modificati
 
 def check_target(target: Path, overwrite: bool) -> None:
     """Checks that a file may be written, before its contents are computed."""
+    check_name(target)
     try:
         if target.is_dir():
             raise UnshutterError("cannot write {target}: it is a folder", target=target)
