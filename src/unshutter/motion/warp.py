@@ -32,6 +32,7 @@ from unshutter.motion.grid import (
     gs_to_rs_map,
     rs_to_gs_map,
 )
+from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.shapes import Bool, UInt
 from unshutter.motion.upright import Pose
 from unshutter.options import Edges, check_edges
@@ -151,6 +152,7 @@ def _check_size(pixels: np.ndarray, motion: Motion) -> None:
         )
 
 
+@no_opencv_threads()  # the threads are created here
 def _warped(
     pixels: np.ndarray,
     grid: SamplingGrid,
@@ -166,7 +168,6 @@ def _warped(
             repeated; None: the picture is mirrored at its border.
         masked: see :func:`rectify_pixels`.
     """
-    cv2.setNumThreads(1)  # the threads are created here
     result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
     has_alpha = pixels.shape[2] in (2, 4) and not masked

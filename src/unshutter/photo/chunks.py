@@ -102,15 +102,19 @@ def encoded_chunk(name: bytes, data: bytes) -> bytes:
 
 def extent_of(file: BinaryIO, name: bytes) -> tuple[int, int] | None:
     """Returns the start and end of a chunk before the pixels; None if there is none."""
+    extents = ((at, at + 12 + length) for at, found, length in heads_before_pixels(file) if found == name)
+    return next(extents, None)
+
+
+def heads_before_pixels(file: BinaryIO) -> Iterator[tuple[int, bytes, int]]:
+    """Yields the start, name and length of the data of each chunk before the pixels; the file may be moved."""
     at = SIGNATURE_BYTES
     file.seek(at)
     while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
-        (length,) = struct.unpack_from(">I", head)
-        if head[4:] == name:
-            return at, at + 12 + length
+        length, name = struct.unpack(">I4s", head)
+        yield at, name, length
         at += 12 + length
         file.seek(at)
-    return None
 
 
 def lost_in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:

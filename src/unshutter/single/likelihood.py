@@ -28,6 +28,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.shapes import Float, UInt8
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
@@ -306,13 +307,13 @@ _SCALE = 0.8  # LSD works on a copy scaled by this, to smooth the staircase of s
 _PIXEL_SHIFT = 0.5 / _SCALE - 0.5
 
 
+@no_opencv_threads()  # LSD is serial, and idle threads cost time
 def find_segments(grey: UInt8[np.ndarray, "height width"], limit: int | None = None) -> Float[np.ndarray, "segments 4"]:
     """Detects straight segments in a grey picture, longest first.
 
     Returns:
         [N, 4] end points (col1, row1, col2, row2) [px], pixel centres at integers, N may be 0.
     """
-    cv2.setNumThreads(1)  # LSD is serial; OpenCV's idle threads only cost time
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
     detected = detector.detect(np.ascontiguousarray(grey))[0]
     if detected is None:

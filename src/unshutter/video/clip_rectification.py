@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.export import check_plot
 from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
+from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.warp import thread_count
 from unshutter.options import check_focal
 from unshutter.options.clip_options import GIVEN, RectifyClip
@@ -65,6 +65,7 @@ _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 ReadoutCallback: TypeAlias = Callable[[ReadoutTime, float], None]  # receives the ratio and the frame interval [s]
 
 
+@no_opencv_threads()  # the pipeline has its own
 def rectify_clip_file(
     source: str,
     output: str,
@@ -82,7 +83,6 @@ def rectify_clip_file(
         on_readout: called once the readout ratio is found, which may be long before the clip is done.
         on_rate: called early if the new film will be much larger or smaller than the clip (see ``FilmWriter``).
     """
-    cv2.setNumThreads(1)  # the pipeline has its own threads
     path, target, log, after_killed_run = _checked_files(source, output, options)
     clip = look(path, options.max_pixels, until_s=options.end)
     end_s = clip.expected.end_s

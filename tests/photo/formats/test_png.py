@@ -2,8 +2,12 @@
 
 import io
 import struct
+import subprocess
+import sys
 import zlib
+from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image, PngImagePlugin
 
@@ -282,3 +286,26 @@ def test_an_animation_of_one_frame_is_a_photo():
     frame = struct.pack(">5I2H2B", 0, 80, 48, 0, 0, 1, 1, 0, 0)
     still = png_with((b"acTL", struct.pack(">II", 1, 0)), (b"fcTL", frame))
     assert [name for name, _ in chunks_of(again(still))] == [b"IHDR", b"IDAT", b"IEND"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs resource")
+def test_packed_texts_are_not_unpacked(tmp_path: Path) -> None:
+    """Forty megabytes each, which libvips would hold four times over; they are carried as they are."""
+    packed = b"k\0\0" + zlib.compress(b"B" * 40_000_000, 9)
+    small = io.BytesIO()
+    Image.fromarray(drawn(80, 90)).save(small, "PNG")
+    data = small.getvalue()
+    data = data[:33] + b"".join(chunks.encoded_chunk(b"zTXt", b"%d" % k + packed) for k in range(20)) + data[33:]
+    (tmp_path / "a.png").write_bytes(data)
+    program = (
+        "import resource, sys, unshutter; photo = unshutter.Photo.open(sys.argv[1])\n"
+        "made = photo.with_pixels(photo.pixels.copy()).encode(); open(sys.argv[2], 'wb').write(made.data)\n"
+        "unit = 1 if sys.platform == 'darwin' else 1024\n"
+        "print(made.left_out, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)"
+    )
+    words = [sys.executable, "-c", program, tmp_path / "a.png", tmp_path / "b.png"]
+    left_out, peak = subprocess.run(words, capture_output=True, text=True, check=True).stdout.rsplit(maxsplit=1)
+    assert int(peak) < 300_000_000
+    assert left_out == "()"
+    assert (tmp_path / "b.png").read_bytes().count(packed) == 20
+    np.testing.assert_array_equal(Photo.open(tmp_path / "b.png").pixels, drawn(80, 90))

@@ -200,6 +200,10 @@ class WrittenFormat(Format):
         """See Format."""
         return decoded(self, source)
 
+    def hidden_markers(self, file: BinaryIO) -> list[int]:
+        """Returns the positions of markers to hide from libvips: those of EXIF whose directories contain loops."""
+        return [block.marker_at for block in self.exif_blocks(file) if exif.has_loop(block.blob)]
+
     @abstractmethod
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """Encodes a picture to a file, or to bytes without ``path``; raises ``pyvips.Error`` on failure.
@@ -240,14 +244,13 @@ class ExifBlock(NamedTuple):
 
 
 def readable(format: WrittenFormat, source: Source) -> Source:
-    """Hides EXIF whose directories contain loops from libvips, which would take minutes to read them."""
+    """Hides metadata from libvips that would take it minutes or gigabytes to read."""
     with suppress(OSError), source.stream() as stream:  # libvips reports errors in the file
-        places = [block.marker_at for block in format.exif_blocks(stream) if exif.has_loop(block.blob)]
-        if places:
+        if places := format.hidden_markers(stream):
             stream.seek(0)
             copy = bytearray(stream.read())
             for at in places:
-                copy[at : at + 4] = b"none"
+                copy[at : at + 4] = b"noNe"  # also a valid name of a chunk that nobody knows
             return Source(bytes(copy))
     return source
 

@@ -75,6 +75,14 @@ class Png(WrittenFormat):
             file.seek(start + 8)
             yield picture_format.ExifBlock(start + 8, file.read(end - start - 12))
 
+    def hidden_markers(self, file: BinaryIO) -> list[int]:
+        """See WrittenFormat. Also texts that might become huge when decompressed, as libvips does with all of them."""
+        texts = [
+            (at + 4, length) for at, name, length in chunks.heads_before_pixels(file) if name in (b"zTXt", b"iTXt")
+        ]
+        huge = sum(length for _, length in texts) * _MOST_PACKED > _LONGEST
+        return super().hidden_markers(file) + [at for at, _ in texts if huge]
+
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat. :meth:`embed` adds XMP, because libvips compresses it, against the XMP specification."""
         bits = 16 if picture.image.format == "ushort" else 8
@@ -113,7 +121,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
             lost.append("damaged chunks")
         elif name == b"eXIf":
             blobs["exif"] = data  # takes precedence over a text
-        elif name in TEXTS and (hidden := _metadata_in(name, data)) is not None:
+        elif name in TEXTS and (hidden := _metadata_in(name, data, blobs)) is not None:
             attribute, blob = hidden
             if not blob:
                 lost.append(f"{attribute.upper()} (damaged)")
@@ -173,11 +181,12 @@ _ATTRIBUTES = {
 }
 _XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/\0"
 _LONGEST = 1 << 26  # maximum size of a decompressed text that is metadata [bytes]
+_MOST_PACKED = 1032  # how many times longer than packed data their content can be
 _HEX_LINE = 72  # characters
 
 
-def _metadata_in(name: bytes, data: bytes) -> tuple[str, bytes] | None:
-    """Extracts metadata of other formats from a text; returns None for plain texts.
+def _metadata_in(name: bytes, data: bytes, known: dict[str, bytes]) -> tuple[str, bytes] | None:
+    """Extracts metadata of other formats from a text; returns None for plain texts. What is known is not unpacked.
 
     Returns an attribute of ``Metadata``, and its value, which is empty if unreadable.
     """
@@ -185,6 +194,8 @@ def _metadata_in(name: bytes, data: bytes) -> tuple[str, bytes] | None:
     kind = _XMP if keyword == _XMP else keyword.removeprefix(_RAW).lower()
     if kind not in _ATTRIBUTES or not keyword.startswith((_RAW, _XMP)):
         return None
+    if known.get(_ATTRIBUTES[kind]):
+        return _ATTRIBUTES[kind], known[_ATTRIBUTES[kind]]
     content = _content(name, data[len(keyword) + 1 :])
     if content is None:
         return _ATTRIBUTES[kind], b""
