@@ -152,7 +152,6 @@ def _check_size(pixels: np.ndarray, motion: Motion) -> None:
         )
 
 
-@no_opencv_threads()  # the threads are created here
 def _warped(
     pixels: np.ndarray,
     grid: SamplingGrid,
@@ -172,7 +171,7 @@ def _warped(
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
     has_alpha = pixels.shape[2] in (2, 4) and not masked
     warp = _Warp(pixels, out, grid, window, interpolation, black_beyond, has_alpha, _Scratch())
-    with ThreadPoolExecutor(thread_count()) as threads:
+    with no_opencv_threads(), ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(warp.make, window.tiles()):
             pass  # raises errors of the threads
     return result

@@ -152,7 +152,7 @@ def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
 
 def _not_huge(each: Option, value: T) -> T:
     """Returns the value of an option; a whole number may have more digits than floating point, and text, can hold."""
-    if isinstance(value, numbers.Rational) and abs(value) > _LARGEST:
+    if isinstance(value, int | numbers.Rational) and not -_LARGEST <= value <= _LARGEST:
         raise UsageError(f"{{--{each.name}}} is too large: at most {_LARGEST:g}")
     return value
 

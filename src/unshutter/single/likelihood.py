@@ -307,15 +307,15 @@ _SCALE = 0.8  # LSD works on a copy scaled by this, to smooth the staircase of s
 _PIXEL_SHIFT = 0.5 / _SCALE - 0.5
 
 
-@no_opencv_threads()  # LSD is serial, and idle threads cost time
 def find_segments(grey: UInt8[np.ndarray, "height width"], limit: int | None = None) -> Float[np.ndarray, "segments 4"]:
     """Detects straight segments in a grey picture, longest first.
 
     Returns:
         [N, 4] end points (col1, row1, col2, row2) [px], pixel centres at integers, N may be 0.
     """
-    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
-    detected = detector.detect(np.ascontiguousarray(grey))[0]
+    with no_opencv_threads():  # LSD is serial, and idle threads cost time
+        detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
+        detected = detector.detect(np.ascontiguousarray(grey))[0]
     if detected is None:
         return np.zeros((0, 4))
     segments = detected.reshape(-1, 4).astype(np.float64) + _PIXEL_SHIFT
