@@ -108,8 +108,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     yield f"{outcome.source} -> {result}: {frames}{note}"
     if outcome.stabilisation is not None:
         yield _steady_line(outcome.stabilisation)
-    if outcome.ratio.declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
-        yield "unshutter: to straighten it anyway, give its readout time: --readout-ms"
+    yield from _ways_to_straighten(outcome)
     if outcome.lens is not None and (outcome.rectified or outcome.straight_degrees):
         now = f"; straight now, {outcome.straight_degrees:.0f} degrees" if outcome.straight_degrees else ""
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
@@ -123,6 +122,15 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
         yield f"unshutter: {outcome.source} {hole}: part of it may be missing"
+
+
+def _ways_to_straighten(outcome: ClipOutcome) -> Iterator[str]:
+    """Yields what the user can do about a clip that was left unchanged."""
+    declined = outcome.ratio.declined
+    if declined is not None and declined.code is Code.GYRO_DISAGREES:
+        yield "unshutter: if the gyro log is not this clip's: --gyro off"
+    if declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
+        yield "unshutter: to straighten it anyway, give its readout time: --readout-ms"
 
 
 def _steady_line(stabilisation: Stabilisation) -> str:

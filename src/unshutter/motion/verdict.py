@@ -32,7 +32,7 @@ class Speed:
     @classmethod
     def of(cls, motion: Motion, readout_ms: float) -> Speed:
         """Returns the speed of a motion; independent of its reference row."""
-        check_time("readout", readout_ms, "ms")
+        check_time("readout-ms", readout_ms, "ms")
         if motion.height < 2:
             raise UnshutterError("a speed needs a motion of at least two rows")
         turning, velocity = motion.rates()

@@ -234,6 +234,8 @@ class RectifyClip:
             raise UsageError(
                 "{--straight-lines} cannot be combined with {--stabilize}: stabilise the straightened clip"
             )
+        if self.steadiness.level and self.shutter.gyro == GYRO_OFF:
+            raise UsageError("{--level} needs the clip's gyro log: leave out {--gyro} off")
         start, end = self.start or 0.0, math.inf if self.end is None else self.end
         if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
             raise UsageError("{--start} must be 0 or later, and {--end} after it, in seconds")

@@ -233,8 +233,23 @@ def listed(word: str | None = None) -> list[CameraMode]:
     """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None."""
     matches = [mode for mode in table() if is_named(mode.name, word or "")]
     if not matches:
-        raise UsageError(f"the table has no camera called '{shortened(word)}': `unshutter cameras` lists them")
+        near = _near_names(word or "")
+        guess = f"did you mean {' or '.join(near)}?" if near else "`unshutter cameras` lists them"
+        raise UsageError(f"the table has no camera called '{shortened(word)}': {guess}")
     return matches
+
+
+_MOST_NEAR = 3
+
+
+def _near_names(word: str) -> list[str]:
+    """Returns the names of cameras that are spelled most like a word, at most a few."""
+    import difflib
+
+    longest = max(word.split(), key=len, default="")
+    modes = [mode for mode in table() if is_named(mode.camera, longest)] or table()
+    names = {_plain(name): mode.camera for mode in modes for name in (mode.model, mode.camera)}
+    return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, _MOST_NEAR, 0.7)))
 
 
 def as_text(modes: Iterable[CameraMode]) -> str:

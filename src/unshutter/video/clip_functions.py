@@ -156,7 +156,7 @@ def rectify_clip_frames(
             "stabilize needs the frames twice: pass a list, or an object that begins again each time it is "
             "iterated over"
         )
-    check_time("frames", fps, "frames per second")
+    check_time("fps", fps, "frames per second")
     return _steady(frames, camera, undo, steadiness, fps or 30.0)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from unshutter.errors import UsageError
 from unshutter.frames.camera import ROWS, track_jacobian
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.motion.shapes import Float64
@@ -24,7 +25,7 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipFacts, ClipRequest
 from unshutter.video.decode import followed
 from unshutter.video.gpmf import DamagedLogError
-from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns
+from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns, has_gravity
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
 
 _PARTS, _PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
@@ -77,17 +78,9 @@ class ClipGyro:
 
 def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> ClipGyro | None:
     """Returns the gyro log of a clip, synchronised with it, or None if it has none."""
-    clip, shutter = request.clip, request.options.shutter
-    try:
-        log = _log(clip, shutter.gyro)
-    except DamagedLogError:
-        if shutter.gyro is not None:
-            raise
-        return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
-    if log is None:
-        tracks = clip.others.data_tracks if shutter.gyro is None and not can_parse() else ()
-        name = next((name for name in tracks if name.startswith(_LOG_TRACKS)), None)
-        return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else None
+    clip, log = request.clip, _log_or_reason(request.clip, request.options.shutter.gyro)
+    if not isinstance(log, GyroLog):
+        return log
     span = request.span[0], min(request.span[1], clip.duration_s or np.inf)
     offsets = _offsets(log, span)
     if not offsets:
@@ -107,6 +100,52 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
     part = log.between(begin_s - _BEYOND_S, end_s + _BEYOND_S)
     turns = GyroTurns(part, synchronisation.alignment) if reason is None else None
     return ClipGyro(log.origin, synchronisation, turns, reason, stated)
+
+
+def _log_or_reason(clip: ClipFacts, choice: str | None) -> GyroLog | ClipGyro | None:
+    """Returns a clip's log, or why it cannot be read; None if it has none."""
+    try:
+        log = _log(clip, choice)
+    except DamagedLogError:
+        if choice is not None:
+            raise
+        return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
+    tracks = clip.others.data_tracks if log is None and choice is None and not can_parse() else ()
+    name = next((name for name in tracks if name.startswith(_LOG_TRACKS)), None)
+    return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else log
+
+
+def check_level(clip: ClipFacts, choice: str | None) -> None:
+    """Raises UsageError if a clip has no gyro log that tells which way is up; no frame is looked at for that.
+
+    Args:
+        choice: the log that the user names; None for that in the clip's file.
+    """
+    log = _log_or_reason(clip, choice)
+    if isinstance(log, GyroLog):
+        _check_gravity(log)
+    else:
+        level_turns(log)
+
+
+def _check_gravity(log: GyroLog) -> None:
+    if not has_gravity(log):
+        raise UsageError(
+            f"{{--level}} needs acceleration, which the gyro log ({log.origin}) does not have: leave it out"
+        )
+
+
+def level_turns(gyro: ClipGyro | None) -> GyroTurns:
+    """Returns the turns by a clip's gyro log, with which it is kept level; raises UsageError without any."""
+    if gyro is None:
+        raise UsageError(
+            "{--level} needs a gyro log with acceleration, and the clip has no log: name one with {--gyro}"
+        )
+    if gyro.turns is None:
+        cause = f"which cannot be used: {gyro.reason}"
+        raise UsageError(f"{{--level}} needs the clip's gyro log ({gyro.origin}), {cause}; leave out {{--level}}")
+    _check_gravity(gyro.turns.log)
+    return gyro.turns
 
 
 def _log(clip: ClipFacts, choice: str | None) -> GyroLog | None:

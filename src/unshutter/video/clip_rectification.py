@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.export import check_plot
 from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
@@ -32,9 +32,9 @@ from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
-from unshutter.video import film_file, mp4
+from unshutter.video import cameras, film_file, mp4
 from unshutter.video.clip import ClipFacts, ClipRequest, look
-from unshutter.video.clip_gyro import ClipGyro
+from unshutter.video.clip_gyro import ClipGyro, check_level, level_turns
 from unshutter.video.decode import DECODED_AHEAD, ahead, decode, frames_of
 from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import FilmWriter, RateCallback, fitted, holds_covers, start_of, writing
@@ -51,7 +51,7 @@ from unshutter.video.frame_warper import (
     with_motion,
 )
 from unshutter.video.gain import gain_of_clip
-from unshutter.video.gyro_fit import GyroTurns, has_gravity, up_directions
+from unshutter.video.gyro_fit import up_directions
 from unshutter.video.lenses import lens_of_clip
 from unshutter.video.outcome import ClipMotion, ClipOutcome, MotionWriter, load
 from unshutter.video.readout import camera_of_clip, too_little_to_see
@@ -85,10 +85,7 @@ def rectify_clip_file(
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
     clip = look(path, options.max_pixels, until_s=options.end)
-    end_s = clip.expected.end_s
-    if options.start is not None and end_s is not None and options.start >= end_s:
-        raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: {{--start}} must come before that", clip=clip.path)
-    clip.check_whole()
+    _check_clip(clip, options)
     film = _Output.of(clip, options, target)
     pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
     result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
@@ -143,6 +140,18 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
         check_target(each, options.overwrite)
         leftovers |= bool(remove_leftovers(each.parent)) and each is target
     return path, target, JsonLog(options.json_log) if options.json_log is not None else None, leftovers
+
+
+def _check_clip(clip: ClipFacts, options: RectifyClip) -> None:
+    """Checks that a clip is whole, and that it, its gyro log and the table of cameras have what the options need."""
+    end_s = clip.expected.end_s
+    if options.start is not None and end_s is not None and options.start >= end_s:
+        raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: {{--start}} must come before that", clip=clip.path)
+    if options.shutter.camera is not None:
+        cameras.listed(options.shutter.camera)  # even if the clip has a readout time of its own
+    if options.steadiness.level:
+        check_level(clip, options.shutter.gyro)
+    clip.check_whole()
 
 
 def _on_this_machine(source: str) -> str:
@@ -202,7 +211,7 @@ def _straight_view(request: ClipRequest) -> StraightView:
 def with_steady_views(pipeline: Pipeline) -> Pipeline:
     """Returns the steps for stabilising a clip, after a first pass that determines the camera's path."""
     request, options = pipeline.request, pipeline.request.options
-    turns = _level_turns(pipeline.gyro) if options.steadiness.level else None
+    turns = level_turns(pipeline.gyro) if options.steadiness.level else None
     undo = options.undo if pipeline.unmoved is None else replace(options.undo, strength=0.0)
     height, width = request.frame_size
     path = CameraPath(undo, request.readout, width / height, request.lens)
@@ -216,19 +225,6 @@ def with_steady_views(pipeline: Pipeline) -> Pipeline:
     up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
     return replace(pipeline, stabilisation=steady, frames=len(path))
-
-
-def _level_turns(gyro: ClipGyro | None) -> GyroTurns:
-    """Returns the turns of a gyro log that gives the direction of gravity; raises UsageError if it does not."""
-    if gyro is None:
-        raise UsageError(
-            "{--level} needs a gyro log with acceleration, and the clip has no log: name one with {--gyro}"
-        )
-    if gyro.turns is None:
-        raise UsageError(f"{{--level}} needs the clip's gyro log ({gyro.origin}), which cannot be used: {gyro.reason}")
-    if not has_gravity(gyro.turns):
-        raise UsageError(f"{{--level}} needs acceleration, which the gyro log ({gyro.origin}) does not have")
-    return gyro.turns
 
 
 def _watched(pipeline: Pipeline) -> Generator[MovingFrame]:

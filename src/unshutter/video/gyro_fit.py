@@ -274,9 +274,9 @@ _RATE_HZ = 20.0  # rate of the averaged samples
 _FEWEST_SAMPLES = 16  # number of samples
 
 
-def has_gravity(turns: GyroTurns) -> bool:
+def has_gravity(log: GyroLog) -> bool:
     """Whether the log contains acceleration that shows which way is up."""
-    return len(turns.log.force) >= _FEWEST_SAMPLES
+    return len(log.force) >= _FEWEST_SAMPLES
 
 
 def up_directions(
@@ -285,7 +285,7 @@ def up_directions(
     """Returns unit vectors pointing up, in the camera's axes (right, down, forward), when a row of a frame was exposed.
 
     Args:
-        turns: turns of the camera from a log that :func:`has_gravity`.
+        turns: turns of the camera of a log that :func:`has_gravity`.
         row: row as a fraction of the height.
     """
     log, alignment = turns.log, turns.alignment
