@@ -300,3 +300,20 @@ def test_one_file_for_several_photos_is_refused(
     assert main(["rectify", str(photo), str(second), "-o", str(tmp_path / name)]) == 2
     assert "need a folder" in one_line(capsys)
     assert not (tmp_path / name).exists()
+
+
+def test_a_bad_file_of_lines_is_blamed_instead_of_the_photo(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = photo.with_name("bad.json")
+    kind = '{"format": "unshutter-lines/1", "lines": [{"kind": "sloping", "points": [[1, 2], [3, 4]]}]}'
+    for content in (b"{}", b"\xff", kind.encode()):
+        bad.write_bytes(content)
+        assert main(["estimate", str(photo), "--lines", str(bad)]) in (1, 2)
+        told = capsys.readouterr().err
+        assert str(bad) in told and str(photo) not in told, told
+
+
+@pytest.mark.parametrize("words", ["--estimator", "--edges", "--roll-deg", "--jobs", "--reference", "--{}"])
+def test_a_long_value_is_shortened(words: str, photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in (["rectify", str(photo), words.format("x" * 9000), "x" * 9000], ["x" * 9000]):
+        assert main(command) == 2
+        assert "xxx...xxx" in (told := capsys.readouterr().err) and len(told) < 900

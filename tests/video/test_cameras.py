@@ -6,7 +6,7 @@ from importlib.resources import files
 
 import pytest
 
-from support import clips
+from support import clips, gpmf
 from unshutter.cli import main
 from unshutter.errors import UsageError
 from unshutter.readout_time import ReadoutTime
@@ -180,3 +180,11 @@ def test_an_unknown_camera_is_refused_before_any_work(tmp_path, capsys):
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--camera", "x", "--readout-ms", "9"]) == 2
     assert "give --readout-ms, --readout-ratio or --camera: one of them" in capsys.readouterr().err
     assert not (tmp_path / "out.mkv").exists()
+
+
+def test_an_unknown_camera_is_refused_for_every_clip(tmp_path, capsys):
+    """Even where another readout time counts: in a clip that was stabilised in the camera, none of the table does."""
+    clip = clips.write(tmp_path / "in.mp4", clips.standing())
+    gpmf.with_settings(clip, gpmf.entry(b"EISE", b"c", b"Y"))
+    assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--camera", "iPhone 99"]) == 2
+    assert "no camera called 'iPhone 99': did you mean Apple iPhone 14" in capsys.readouterr().err

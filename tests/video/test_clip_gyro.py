@@ -85,6 +85,10 @@ def test_a_stabilised_clip_is_copied_where_its_readout_time_would_be_guessed(tmp
     assert (record["frames"], record["rectified"]) == (30, 0)
     assert [reason["code"] for reason in record["declined"]] == ["gyro-disagrees"]
     assert printed.count("the clip was stabilised") == 1 and "--readout-ms" in printed and "taking" not in printed
+    assert "if the gyro log is not this clip's: --gyro off" in printed
+    _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", "off")
+    assert "gyro" not in record and "--gyro off" not in printed
+    assert "gyro-disagrees" not in [reason["code"] for reason in record["declined"]]
     _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(log), "--readout-ms", "20")
     assert record["rectified"] == 30 and "not used: the picture does not follow" in printed
     _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(log), "--stabilize", "1", "--start", "0.1")
