@@ -70,8 +70,8 @@ def test_the_exposure_is_in_the_files(tmp_path) -> None:
     ("wrong", "message"),
     [
         ({"exposure_s": 0.01}, "needs --readout-ms"),
-        ({"exposure_s": 0.0, "readout_ms": 30}, "positive time"),
-        ({"exposure_s": 0.01, "readout_ms": float("inf")}, "positive time"),
+        ({"exposure_s": 0.0, "readout_ms": 30}, "must be above 0"),
+        ({"exposure_s": 0.01, "readout_ms": float("inf")}, "must be above 0"),
         ({"readout_ms": 30}, "and --exposure-s only"),
     ],
 )

@@ -45,7 +45,7 @@ class Synthesize:
             raise UsageError(
                 f"--per-photo must be at least 1 and --seed at least 0, got {self.per_photo} and {self.seed}"
             )
-        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+        for name, time, unit in (("exposure-s", self.exposure_s, "s"), ("readout-ms", self.readout_ms, "ms")):
             check_time(name, time, unit)
         if self.exposure_s is not None and self.readout_ms is None:
             raise UsageError("--exposure-s needs --readout-ms: the blur of a row depends on both")
