@@ -84,7 +84,7 @@ def test_unknown_keywords_are_refused_as_python_refuses_them(name: str) -> None:
         ("lines", 3, "lines must be a list of DrawnLine or the path of a file of lines, got 3"),
         ("candidate", 1.5, "candidate must be a whole number, got 1.5"),
         ("moving", "no", "moving must be one of yes, left, right, up, down, got no"),
-        ("moving", True, "moving must be one of yes, left, right, up, down, got True"),
+        ("moving", False, "moving must be one of yes, left, right, up, down, got False"),
         ("no_film", "no", "no_film must be True or False, got 'no'"),
         ("fps", "30", "fps must be a number, got '30'"),
         ("crf", "low", "crf must be a number, got 'low'"),
@@ -139,3 +139,9 @@ def test_help_is_added_once_for_each_option() -> None:
         "    two_too: own words.",
         "    one: The first, see two_too.",
     ]
+
+
+def test_true_is_what_the_flag_alone_means() -> None:
+    assert from_keywords(Camera, {"moving": True}) == from_keywords(Camera, {"moving": "yes"})
+    with pytest.raises(UsageError, match="edges must be one of"):
+        from_keywords(Undo, {"edges": True})

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import unshutter
-from support.drawn_photos import drawn
+from support.drawn_photos import drawn, one_line
 from support.sure_estimator import Sure
 from unshutter.errors import UnshutterError
 from unshutter.options import MIN_CONFIDENCE
@@ -156,3 +156,21 @@ def test_frames_are_opened_as_photos_are(tmp_path: Path) -> None:
     made = list(unshutter.rectify_frames(kinds(pixels, tmp_path), readout_ratio=0.5))
     assert len(made) == 7 and all(isinstance(each, unshutter.RectifiedFrame) for each in made)
     np.testing.assert_array_equal(made[5].image, pixels)
+
+
+@pytest.mark.parametrize("argument", [5, 0.5, True, np.float32(1)])
+def test_a_number_is_no_photo(argument: object) -> None:
+    with pytest.raises(UnshutterError, match="a photo is a path, bytes") as error:
+        unshutter.rectify(argument)
+    one_line(error)
+
+
+def test_whole_numbers_of_another_type() -> None:
+    with pytest.raises(UnshutterError, match="uint8, uint16, or floating point from 0 to 1, got int64"):
+        unshutter.rectify(np.zeros((80, 80), np.int64))
+
+
+@pytest.mark.parametrize("head", [b"\0\0\0\x18ftypmp42", b"\x1a\x45\xdf\xa3\x01\0\0", b"RIFF\0\0\0\0AVI LIST"])
+def test_a_clip_is_led_to_its_function(head: bytes) -> None:
+    with pytest.raises(UnshutterError, match=r"is a film, not a photo: .*unshutter\.rectify_clip"):
+        unshutter.rectify(head + bytes(1000))

@@ -10,6 +10,8 @@ from support.drawn_photos import drawn, encoded
 from support.tagged_files import TITLE, full_exif, image_resources, jpeg_with
 from unshutter import RowMotion, rectify
 from unshutter.photo import Photo
+from unshutter.photo.formats import WRITTEN
+from unshutter.photo.libvips import libvips
 from unshutter.photo.saving import not_written
 
 WITH_IPTC = jpeg_with(drawn(96, 128), (0xED, b"Photoshop 3.0\0" + image_resources((1028, TITLE))), exif=full_exif())
@@ -52,3 +54,12 @@ def test_nothing_is_named_that_was_never_there() -> None:
         photo = Photo.from_bytes(encoded(drawn(), format))
         for target in ("jpeg", "png", "webp", "tiff", "avif"):
             assert photo.encode(target).left_out == ()
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "WEBP", "TIFF", "PNG"])
+def test_a_profile_for_other_colours_is_not_dropped_without_a_word(kind: str) -> None:
+    profile = libvips().Image.profile_load("cmyk")
+    photo = Photo.from_bytes(encoded(drawn(), kind, icc_profile=profile))
+    expected = "colour profile (unusable)" if kind == "PNG" else "colour profile (for CMYK colours)"
+    for format in WRITTEN:
+        assert photo.with_pixels(photo.pixels.copy()).encode(format).left_out == (expected,)

@@ -69,9 +69,12 @@ def test_where_there_is_no_room_the_thumbnail_goes() -> None:
     assert len(blob) < 65_000 and jpeg_thumbnail(blob) is not None
     photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=blob))
     changed = photo.with_pixels(np.random.default_rng(1).integers(0, 256, (200, 300, 3)).astype(np.uint8))
-    with Image.open(io.BytesIO(changed.to_bytes())) as picture:
-        assert jpeg_thumbnail(picture.info["exif"]) is None
-        assert picture.getexif().get_ifd(EXIF)[0x927C] == note
+    for format in ("jpeg", "webp"):
+        made = changed.encode(format)
+        assert made.left_out == ("thumbnail (no room for a new one)",)
+        with Image.open(io.BytesIO(made.data)) as picture:
+            assert jpeg_thumbnail(picture.info["exif"]) is None
+            assert picture.getexif().get_ifd(EXIF)[0x927C] == note
 
 
 @pytest.mark.parametrize("order", ["<", ">"])

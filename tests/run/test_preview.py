@@ -1,5 +1,6 @@
 """Pictures of what a run did, names that are kept, and masks."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from unshutter.cli import main
 from unshutter.motion import Motion
 from unshutter.motion.warp import validity_mask
 from unshutter.photo import Photo
+from unshutter.run.report import Preview
 
 
 def test_one_photo_before_and_after_in_its_own_pixels(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
@@ -32,9 +34,21 @@ def test_a_folder_on_one_sheet_whoever_does_the_work(archive: Path, motion: Path
         assert (
             rectify(archive, "-o", tmp_path / f"out{len(jobs)}", "--motion", motion, "--preview", preview, *jobs) == 0
         )
-        sheets.append(Photo.open(preview).pixels.shape)
-    assert sheets[0] == sheets[1]
-    assert sheets[0][0] > 2 * HEIGHT and sheets[0][1] > 3 * 2 * WIDTH  # four photos, three beside each other
+        sheets.append(Photo.open(preview).pixels)
+    np.testing.assert_array_equal(*sheets)
+    assert sheets[0].shape[0] > 2 * HEIGHT and sheets[0].shape[1] > 3 * 2 * WIDTH  # three in a row
+
+
+def test_the_order_is_that_of_the_photos(archive: Path, motion: Path, tmp_path: Path, monkeypatch) -> None:
+    """Whichever worker is faster, and also for those that are left out."""
+    photos = [archive / name for name in sorted(results(archive))]
+    pair = (np.zeros((8, 8, 3), np.uint8),) * 2
+    monkeypatch.setattr("unshutter.run.report.MOST_PHOTOS", 3)
+    for order in itertools.permutations(photos):
+        preview = Preview(tmp_path / "x.png", False, photos)
+        for photo in order:
+            preview._add(photo, photo.name, pair)
+        assert sorted(preview._pairs, key=preview._turn) == photos[:3]
 
 
 def test_a_sheet_shows_what_an_earlier_run_finished(archive: Path, motion: Path, tmp_path: Path) -> None:

@@ -18,8 +18,10 @@ def av() -> ModuleType:
     try:
         import av
         from av import logging
-    except ImportError:
+    except ModuleNotFoundError:
         raise UnshutterError(f"clips need PyAV: {errors.extra('video')}") from None
+    except ImportError as error:  # too little memory, or a broken installation
+        raise UnshutterError(f"cannot load PyAV, which clips need: {' '.join(str(error).split())}") from None
     logging.set_level(None)
     return av
 

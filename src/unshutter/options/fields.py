@@ -152,7 +152,7 @@ def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
 
 def _not_huge(each: Option, value: T) -> T:
     """Returns the value of an option; a whole number may have more digits than floating point, and text, can hold."""
-    if isinstance(value, int | numbers.Rational) and not -_LARGEST <= value <= _LARGEST:
+    if isinstance(value, int) and not -_LARGEST <= value <= _LARGEST:
         raise UsageError(f"{{--{each.name}}} is too large: at most {_LARGEST:g}")
     return value
 
@@ -193,6 +193,8 @@ def from_keywords(kind: type[T], keywords: Mapping[str, Any]) -> T:
 def _value(option: Option, value: Any) -> Any:
     if value is None and option.default is None:
         return None
+    if value is True and option.choices and "bare" in option.more:
+        return option.more["bare"]  # what the flag alone means
     types, allowed = _ALLOWED[option.type]
     check_type(option.key, value, types, f"one of {', '.join(option.choices)}" if option.choices else allowed)
     return Path(value) if option.type is Path and value is not None else value

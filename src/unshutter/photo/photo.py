@@ -429,10 +429,13 @@ def _pixels(argument: Any) -> Any:
             raise UnshutterError(message)
         return np.asarray(argument)
     array = np.asarray(argument)
-    if array.dtype == object or array.dtype.kind in "SU":
+    if array.ndim == 0 or array.dtype == object or array.dtype.kind in "SU":
         raise UnshutterError(f"a photo is {_TYPES}; got {type(argument).__name__}")
-    if array.dtype.kind != "f":
+    if array.dtype in (np.uint8, np.uint16):
         return array
+    if array.dtype.kind != "f":
+        allowed = "uint8, uint16, or floating point from 0 to 1"
+        raise UnshutterError(f"a photo needs pixels of type {allowed}, got {array.dtype}")
     if not (array.size and array.min() >= 0 and array.max() <= 1):  # also raised for NaN
         raise UnshutterError("pixels in floating point must lie between 0 and 1: scale them first, pixels / 255")
     return np.rint(np.multiply(array, 65535, dtype=np.result_type(array, np.float32))).astype(np.uint16)  # not float16

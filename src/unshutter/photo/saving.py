@@ -179,13 +179,17 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:
         resources = chunks.without_thumbnails(resources)
-    blob = metadata.exif
+    blob, profile = metadata.exif, metadata.icc
+    if profile is not None and profile[16:20] not in (b"RGB ", b"GRAY"):  # libvips would leave it out
+        left_out.append(f"colour profile (for {profile[16:20].decode('latin-1').strip() or 'other'} colours)")
+        profile = None
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
             blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
+            left_out += [] if exif.has_thumbnail(blob) else ["thumbnail (no room for a new one)"]
     blob = exif.with_orientation(blob, orientation)
-    return replace(metadata, exif=blob, xmp=packet, resources=resources), left_out
+    return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources), left_out
 
 
 def _thumbnail(image: pyvips.Image) -> bytes:

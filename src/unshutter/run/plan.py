@@ -57,7 +57,7 @@ class Goal:
         goal = self.place
         there = isinstance(goal, Path) and goal.is_dir()
         if isinstance(goal, Path) and goal.exists() and not there:
-            raise UsageError(f"{what} a folder, but {goal} is a file")
+            raise UsageError(f"{what} a folder, but {goal} is none")
         if goal.suffix.lower() in _FILE_SUFFIXES and not there and not os.fspath(self.text).endswith(("/", os.sep)):
             raise UsageError(f"{what} a folder, but {goal.name} is the name of a file: leave out {goal.suffix}")
 
@@ -225,7 +225,7 @@ def _plan_targets(inputs: Inputs, goal: Goal, name: Callable[[Place], str]) -> d
     """Assigns each photo's result a place: a file, or one in a folder that mirrors the folders of photos."""
     if not goal.is_folder(inputs.many):
         return {next(iter(inputs.photos)): goal.place}
-    goal.must_be_folder("several photos need")
+    goal.must_be_folder("several photos need" if inputs.many else "a name without an extension means")
     return _all_different({photo: goal.place / (inside / name(photo)) for photo, inside in inputs.photos.items()})
 
 

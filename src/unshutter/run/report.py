@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from unshutter.reasons import Cause, Code, pixels
 from unshutter.run.inputs import MADE_BY_US, Inputs
 from unshutter.run.work import Job, Outcome, PreviewError, open_photo
 from unshutter.storage.files import JsonLog
-from unshutter.storage.locations import Place, fingerprint
+from unshutter.storage.locations import Place, absolute, fingerprint
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,7 +41,7 @@ class Report:
 
     def __init__(self, plan: Plan):
         self._plan, self._inputs, run = plan, plan.inputs, plan.run
-        self._preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
+        self._preview = Preview(run.preview, run.overwrite, plan.inputs.photos) if run.preview is not None else None
         self.total = sum(map(len, (plan.to_do, plan.finished, plan.refused, self._inputs.unreadable)))
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
         self._causes: dict[Place, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
@@ -259,8 +259,9 @@ _WHITE, _BLACK = [255.0], (0, 0, 0)
 class Preview:
     """Collects before and after pictures, and writes them as one."""
 
-    def __init__(self, path: Path, overwrite: bool):
+    def __init__(self, path: Path, overwrite: bool, photos: Iterable[Place]):
         self._path, self._overwrite = path, overwrite
+        self._order = {absolute(photo): number for number, photo in enumerate(photos)}
         self._pairs: dict[Place, tuple[str, tuple[np.ndarray, np.ndarray]]] = {}
         self._left_out = 0
 
@@ -284,16 +285,20 @@ class Preview:
             self._add(job.source, f"{job.source.name}: finished already", (before, after))
 
     def _add(self, photo: Place, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
-        if len(self._pairs) < MOST_PHOTOS or photo in self._pairs:
-            self._pairs[photo] = caption, pair
-        else:
+        self._pairs[photo] = caption, pair
+        if len(self._pairs) > MOST_PHOTOS:
+            del self._pairs[max(self._pairs, key=self._turn)]
             self._left_out += 1
+
+    def _turn(self, photo: Place) -> int:
+        """The photo's place in the run, whichever worker was faster."""
+        return self._order[absolute(photo)]
 
     def save(self) -> str:
         """Writes the picture; returns a line about it."""
         if not self._pairs:
             return f"no photo was processed: {self._path} was not written"
-        sheet = _sheet([*self._pairs.values()])
+        sheet = _sheet([self._pairs[photo] for photo in sorted(self._pairs, key=self._turn)])
         Photo.from_array(sheet.numpy(), software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
         more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""
         return f"before and after: {self._path}{more}"

@@ -125,7 +125,7 @@ def check_name(path: Path) -> None:
     except UnicodeEncodeError:
         known = False
     if not known:
-        raise UnshutterError("no file can have the name {file}: it has characters that are not text", file=path)
+        raise UnshutterError("no file can have the name {file}: a character in it is not text", file=path)
 
 
 def check_plain(path: Path) -> None:

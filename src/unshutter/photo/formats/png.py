@@ -60,10 +60,13 @@ class Png(WrittenFormat):
         """See Format."""
         with source.stream() as stream:
             own = _read_metadata(source, stream)
+            packed_profile = chunks.extent_of(stream, b"iCCP") is not None
         image = picture_format.open_image(self, source)
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         resolution = Resolution(image.xres, image.yres)
-        metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=resolution)
+        profile = own.icc or field(image, "icc-profile-data")
+        lost = () if profile or not packed_profile else ("colour profile (unusable)",)
+        metadata = replace(own, icc=profile, resolution=resolution, left_behind=(*own.left_behind, *lost))
         header = picture_format.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
