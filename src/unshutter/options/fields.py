@@ -193,7 +193,7 @@ def from_keywords(kind: type[T], keywords: Mapping[str, Any]) -> T:
 def _value(option: Option, value: Any) -> Any:
     if value is None and option.default is None:
         return None
-    if value is True and option.choices and "bare" in option.more:
+    if isinstance(value, bool) and value and option.choices and "bare" in option.more:
         return option.more["bare"]  # what the flag alone means
     types, allowed = _ALLOWED[option.type]
     check_type(option.key, value, types, f"one of {', '.join(option.choices)}" if option.choices else allowed)
