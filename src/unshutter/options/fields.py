@@ -193,11 +193,15 @@ def from_keywords(kind: type[T], keywords: Mapping[str, Any]) -> T:
 def _value(option: Option, value: Any) -> Any:
     if value is None and option.default is None:
         return None
-    if isinstance(value, bool) and value and option.choices and "bare" in option.more:
-        return option.more["bare"]  # what the flag alone means
+    value = _as_flag(option, value)
     types, allowed = _ALLOWED[option.type]
     check_type(option.key, value, types, f"one of {', '.join(option.choices)}" if option.choices else allowed)
     return Path(value) if option.type is Path and value is not None else value
+
+
+def _as_flag(option: Option, value: Any) -> Any:
+    """Returns what the flag alone means for True, where it may be used without a value."""
+    return option.more["bare"] if value is True and option.choices and "bare" in option.more else value
 
 
 def check_type(key: str, value: Any, types: Any, allowed: str) -> None:
