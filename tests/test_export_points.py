@@ -144,7 +144,7 @@ def test_files_that_are_missing_exist_or_are_the_same(tmp_path: Path, points: Pa
     with pytest.raises(UnshutterError, match="--overwrite"):
         move_file(shake(), points, tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text() == "precious"
-    with pytest.raises(UnshutterError, match="the original"):
+    with pytest.raises(UnshutterError, match="never overwritten"):
         move_file(shake(), points, points, overwrite=True)
 
 

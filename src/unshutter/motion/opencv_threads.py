@@ -1,4 +1,4 @@
-"""OpenCV's own threads, which are switched off where there are others, and given back to the host afterwards."""
+"""OpenCV's own threads, which are switched off where there are others, and restored for the host afterwards."""
 
 from __future__ import annotations
 

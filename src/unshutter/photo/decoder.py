@@ -75,7 +75,7 @@ def recognise(source: Source) -> Format:
 
 
 def _is_film(head: bytes) -> bool:
-    """Whether a file that is no photo begins like a film: MP4 or QuickTime, Matroska, AVI."""
+    """Whether a file of none of these formats begins like a film: MP4 or QuickTime, Matroska, AVI."""
     boxed = head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide")
     return boxed or head.startswith(b"\x1a\x45\xdf\xa3") or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
 
