@@ -44,6 +44,32 @@ def test_one_run_at_a_time(tmp_path: Path) -> None:
     assert journal_in(tmp_path, "notes", "run4", read_only=True).read() == b"one\ntwo\n"
 
 
+def test_a_folder_that_becomes_a_link_does_not_redirect_the_lines(tmp_path: Path) -> None:
+    folder, kept, elsewhere = (tmp_path / name for name in ("out", "kept", "elsewhere"))
+    elsewhere.mkdir()
+    (elsewhere / "notes.jsonl").write_bytes(b"another's\n")
+    journal = journal_in(folder, "notes", "run1")
+    journal.add("one")
+    folder.rename(kept)
+    folder.symlink_to(elsewhere)
+    journal.add("two")
+    journal.close()
+    assert (kept / "notes.jsonl").read_bytes() == b"one\ntwo\n"
+    assert (elsewhere / "notes.jsonl").read_bytes() == b"another's\n"
+
+
+def test_a_journal_that_is_replaced_between_reading_and_writing_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.jsonl").write_bytes(b"one\n")
+    journal = journal_in(tmp_path, "notes", "run1")
+    assert journal.read() == b"one\n"
+    (tmp_path / "notes.jsonl").unlink()
+    (tmp_path / "notes.jsonl").write_bytes(b"another's\n")
+    with pytest.raises(UnshutterError, match="was replaced while this run used it"):
+        journal.add("two")
+    journal.close()
+    assert (tmp_path / "notes.jsonl").read_bytes() == b"another's\n"
+
+
 def test_a_line_that_was_cut_short_is_ended_by_the_next(tmp_path: Path) -> None:
     (tmp_path / "notes.jsonl").write_bytes(b"one\ntw")
     journal = journal_in(tmp_path, "notes", "run1")

@@ -27,7 +27,7 @@ from unshutter.run.folder import Judged
 from unshutter.run.work import Job, Outcome
 from unshutter.single.register import weights_file
 from unshutter.storage import locations
-from unshutter.storage.files import added_to, is_torn, lock, open_plain, write_all
+from unshutter.storage.files import is_torn, lock, open_plain, write_all
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
@@ -211,18 +211,20 @@ def journal_in(folder: locations.Place, name: str, run: str, read_only: bool = F
 class FileJournal:
     """A journal in one file, to which each line is written at once. Links and files with a second name are refused.
 
-    The run that writes to it locks it: the system ends the lock with the process, however that ends.
+    The file is opened once: if its folder is replaced by a link meanwhile, the lines still reach the file that was
+    checked. The run that writes to it locks it: the system ends the lock with the process, however that ends.
     """
 
     def __init__(self, folder: Path, name: str, read_only: bool = False):
         self._path = folder / f"{name}.jsonl"
         self._read_only = read_only
-        self._lock: int | None = None
+        self._locked: int | None = None  # descriptor that holds the lock
+        self._file: int | None = None  # descriptor to which lines are written
 
     def read(self) -> bytes:
         """Returns the complete lines of earlier runs; raises UnshutterError if another run writes to the journal."""
         if not self._read_only and os.path.lexists(self._path):
-            self._hold()
+            self._locked = self._lock(open_plain(self._path, os.O_RDONLY))
         try:
             with open(open_plain(self._path, os.O_RDONLY), "rb") as stream:
                 text = stream.read()
@@ -234,30 +236,45 @@ class FileJournal:
 
     def add(self, line: str) -> None:
         """Appends a line."""
-        locations.make_folder(self._path.parent)
-        with added_to(self._path) as descriptor:
-            if self._lock is None:
-                self._hold()
-            write_all(descriptor, (("\n" if is_torn(descriptor) else "") + line + "\n").encode())
+        if self._file is None:
+            self._file = self._open_to_add()
+        try:
+            write_all(self._file, (("\n" if is_torn(self._file) else "") + line + "\n").encode())
+        except OSError as error:
+            raise UnshutterError(f"cannot write {{file}}: {error.strerror}", file=self._path) from None
 
     def flush(self) -> None:
         """Does nothing: lines are not buffered."""
 
     def close(self) -> None:
         """Lets other runs use the journal."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        for descriptor in {self._locked, self._file}:
+            if descriptor is not None:
+                os.close(descriptor)
+        self._locked = self._file = None
 
-    def _hold(self) -> None:
-        descriptor = open_plain(self._path, os.O_RDONLY)
-        if lock(descriptor) is False:
+    def _open_to_add(self) -> int:
+        """Opens the file, creating it if necessary; raises UnshutterError if it is not the one that was read."""
+        locations.make_folder(self._path.parent)
+        descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        if self._locked is None:
+            self._locked = self._lock(descriptor)
+        elif not os.path.sameopenfile(descriptor, self._locked):
             os.close(descriptor)
             raise UnshutterError(
-                "another run is writing to {folder}: wait until it has ended, or choose another folder",
-                folder=self._path.parent,
+                "{file} was replaced while this run used it: run the same command again", file=self._path
             )
-        self._lock = descriptor
+        return descriptor
+
+    def _lock(self, descriptor: int) -> int:
+        """Locks an open file and returns its descriptor."""
+        if lock(descriptor) is not False:
+            return descriptor
+        os.close(descriptor)
+        raise UnshutterError(
+            "another run is writing to {folder}: wait until it has ended, or choose another folder",
+            folder=self._path.parent,
+        )
 
 
 class ObjectJournal:
