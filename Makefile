@@ -1,4 +1,4 @@
-# The two commands: `make demo` and `make test`. Each sets up what it needs:
+# The two commands: `make demo` and `make test` (before a release: `make test-all`). Each sets up what it needs:
 # .venv-dev has the versions of constraints.txt, .venv-newest what pip resolves today, .venv-lowest the oldest ones allowed.
 # A Python that is named has its own: `make test PYTHON=python3.13` sets up .venv-3.13. Nothing here touches .venv, the
 # environment that README.md tells users to create.
@@ -25,7 +25,10 @@ LAB := -e './lab[calibrate,video]' onnx
 endif
 PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: demo paper test test-newest test-lowest fuzz lint prose types docs layers script bench results release-check clean dev dev-newest
+# said at the start, where nobody asked for some of the tests only
+SAY_HOW_LONG = $(if $(filter file,$(origin TESTS)),@echo "$(1) on two free cores; TESTS=tests/frames runs some of them")
+
+.PHONY: demo paper test test-all test-newest test-lowest fuzz lint prose types docs layers script bench results release-check clean dev dev-newest dev-lowest
 
 demo: $(NEWEST)/core  ## rectify the photo that the repository ships, with what users get from pip
 	$(NEWEST)/bin/unshutter rectify src/unshutter/page/web/sample.jpg -o examples/demo.rectified.jpg --overwrite
@@ -36,17 +39,23 @@ paper: $(ENV)/dev  ## the same photo by the network of the paper that unshutter 
 	  --preview examples/demo.paper.preview.jpg
 	@echo "Look at examples/demo.paper.preview.jpg: before and after, side by side"
 
-test: $(ENV)/dev  ## all tests, on all cores (TESTS=tests/frames: some of them)
+test: $(ENV)/dev  ## each behaviour once, on all cores (TESTS=tests/frames: some of them)
+	$(call SAY_HOW_LONG,About 5 minutes)
 	$(BIN)/python $(PYTEST) $(TESTS)
 
-test-newest: $(NEWEST)/dev  ## the same with the newest version of everything
+test-all: $(ENV)/dev  ## also whole products of cases, kills again and again, training, and the long commands of the docs
+	$(call SAY_HOW_LONG,About 12 minutes)
+	$(BIN)/python $(PYTEST) --all $(TESTS)
+
+test-newest: $(NEWEST)/dev  ## `make test` with the newest version of everything
+	$(call SAY_HOW_LONG,About 5 minutes)
 	$(NEWEST)/bin/python $(PYTEST) $(TESTS)
 
-test-lowest: $(LOWEST)/dev  ## the same with the oldest libraries that pyproject.toml allows; these use much that is deprecated
-	$(LOWEST)/bin/python $(PYTEST) -W ignore::DeprecationWarning $(TESTS)
+test-lowest: $(LOWEST)/dev  ## `make test` with the oldest libraries that pyproject.toml allows; these use much XX
 
-dev: $(ENV)/dev  ## what `make test` needs, and test-newest
+dev: $(ENV)/dev  ## what `make test` needs, and test-newest, and test-lowest
 dev-newest: $(NEWEST)/dev
+dev-lowest: $(LOWEST)/dev
 
 fuzz: $(ENV)/dev  ## thousands of damaged files and requests, which takes an hour; not part of CI
 	UNSHUTTER_FUZZ_CASES=5000 $(BIN)/python $(PYTEST) tests/photo/test_fuzz.py tests/test_fuzz_texts.py

@@ -36,6 +36,19 @@ def _hear_signals() -> None:
 _hear_signals()
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--all", action="store_true", help="also run the tests marked thorough: make test-all")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leaves out the thorough tests, unless all are wanted."""
+    if config.getoption("--all"):
+        return
+    left_out = [item for item in items if item.get_closest_marker("thorough")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if not item.get_closest_marker("thorough")]
+
+
 def draw_facade(height: int = 420, width: int = 560) -> np.ndarray:
     """A house front with windows, seen straight on: uint8 RGB."""
     big = np.full((2 * height, 2 * width, 3), 215, np.uint8)

@@ -18,7 +18,7 @@ from unshutter_lab.synthesis.sequences import TurningCamera
 
 ROOT = Path(__file__).parents[2]
 ORIGINAL = ROOT / "examples" / "original" / "basilica.webp"
-SURFACE = json.loads((ROOT / "tests" / "api_surface.json").read_text(encoding="utf-8"))
+SURFACE = json.loads((ROOT / "tests" / "house" / "api_surface.json").read_text(encoding="utf-8"))
 FUNCTIONS = [
     path for path, form in SURFACE.items() if form.startswith("(") and not any(p[:1].isupper() for p in path.split("."))
 ]

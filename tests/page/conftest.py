@@ -6,7 +6,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from support.browser import SLOW_MS, browser
+from support.browser import SLOW_MS, QuietBrowser, browser
 from support.page_server import Server, served
 
 
@@ -22,10 +22,15 @@ def client(server: Server) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.fixture(scope="module")  # its event loop would be in the way of other modules' tests
-def chromium() -> Iterator[Browser]:
+@pytest.fixture(scope="session")
+def quiet_browser() -> Iterator[QuietBrowser]:
     with browser() as started:
-        started.new_context().close()
+        yield started
+
+
+@pytest.fixture
+def chromium(quiet_browser: QuietBrowser) -> Iterator[Browser]:
+    with quiet_browser.in_use() as started:
         yield started
 
 

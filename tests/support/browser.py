@@ -1,11 +1,13 @@
 """A real browser, where one is installed: Debian's chromium, or another that Playwright can drive."""
 
+import asyncio
 import os
 import re
 import shutil
 from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -15,8 +17,27 @@ SLOW_MS = 60_000  # others may work beside the tests
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
+@dataclass
+class QuietBrowser:
+    """A browser whose event loop asyncio knows only while the browser is in use.
+
+    Playwright leaves its loop running in this thread, where no test could run another one.
+    """
+
+    started: Browser
+    loop: asyncio.AbstractEventLoop | None
+
+    @contextmanager
+    def in_use(self) -> Iterator[Browser]:
+        asyncio._set_running_loop(self.loop)
+        try:
+            yield self.started
+        finally:
+            asyncio._set_running_loop(None)
+
+
 @contextmanager
-def browser() -> Iterator[Browser]:
+def browser() -> Iterator[QuietBrowser]:
     """A browser without a window; skips the test where there is none."""
     path = os.environ.get("BROWSER_PATH") or next(filter(None, map(shutil.which, _NAMES)), None)
     if path is None:
@@ -26,7 +47,10 @@ def browser() -> Iterator[Browser]:
             started = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
         except Error as error:
             pytest.skip(f"the browser {path} does not start: {error.message.splitlines()[0]}")
-        yield started
+        loop = asyncio._get_running_loop()
+        asyncio._set_running_loop(None)
+        yield QuietBrowser(started, loop)
+        asyncio._set_running_loop(loop)
         started.close()
 
 

@@ -1,7 +1,7 @@
 """What others may build on: the names in ``unshutter.__all__``, the members of their classes, and how they are called.
 
 A name that is renamed, dropped or called in another way breaks programs of others. Where that is meant, say it in
-CHANGELOG.md and write the list again: ``python tests/test_api_surface.py --write``.
+CHANGELOG.md and write the list again: ``python tests/house/test_api_surface.py --write``.
 """
 
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import griffe
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 SURFACE = Path(__file__).with_name("api_surface.json")
 
 
@@ -52,7 +52,7 @@ def test_the_public_api_is_what_is_written_down() -> None:
     gone = [f"- {path}: {written[path]}" for path in written if found.get(path) != written[path]]
     new = [f"+ {path}: {found[path]}" for path in found if found[path] != written.get(path)]
     changes = "\n".join(sorted(gone + new, key=lambda line: (line[2:].partition(":")[0], line[0] == "+")))
-    assert not changes, f"python tests/test_api_surface.py --write, where this is meant:\n{changes}"
+    assert not changes, f"python tests/house/test_api_surface.py --write, where this is meant:\n{changes}"
 
 
 if __name__ == "__main__":
