@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter.cli import main
+from unshutter.cli import command_for_file, main
+from unshutter.errors import UsageError
+from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.page.settings import page_module
 from unshutter.photo import Photo
+from unshutter.run.inputs import PHOTO_SUFFIXES, find_photos
 
 
 def digest(path: Path) -> str:
@@ -182,6 +186,33 @@ def test_unwritable_outputs(photo: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_wrong_usage_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2
     one_line(capsys)
+
+
+@pytest.mark.parametrize("ending", FILM_FORMATS)
+def test_every_film_goes_to_video(ending: str) -> None:
+    """All parts of the program name films by one list."""
+    assert command_for_file(f"clip{ending.upper()}") == "video" and ending not in PHOTO_SUFFIXES
+    with pytest.raises(UsageError, match="is a film, not a photo"):
+        find_photos([f"clip{ending}"])
+    films = page_module().rpartition("export const films = ")[2]
+    assert ending in json.loads(films.removesuffix(";\n"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["rectify", "x.jpg", "--upright"], "--upright needs a value: level, full"),
+        (["video", "a.mp4", "b.mp4"], "takes one CLIP: leave out b.mp4"),
+        (["a.mp4", "b.mp4", "c.mp4"], "takes one CLIP: leave out b.mp4 c.mp4"),
+        (["serve", "a.jpg"], "takes options only: leave out a.jpg"),
+        (["rectify", "x.jpg", "-k"], "unknown option -k: leave it out"),
+    ],
+)
+def test_usage_that_is_wrong_says_what_is_right(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    assert one_line(capsys).startswith(f"unshutter: {said} (see unshutter ")
 
 
 # ---- estimate, models, synthesize ---------------------------------------------------------------------------

@@ -12,12 +12,14 @@ import unshutter
 from support.frame_pairs import Scene
 from support.shaken_scenes import drawn_scene, shake
 from unshutter.errors import CropTooSmallError
+from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
 from unshutter.motion import grid
 from unshutter.motion.grid import EdgePolicy, Tile
 from unshutter.motion.warp import straighten
 from unshutter.options import Neighbours, Undo
 from unshutter.options.clip_options import ClipUndo
 from unshutter.options.photo_options import Clock
+from unshutter.orientation import Readout
 from unshutter.page import photo_jobs as screen
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
@@ -33,7 +35,7 @@ def leaving(share: float) -> Callable[[], Tile]:
 
 @pytest.mark.parametrize(
     ("asked", "share", "decision"),
-    [("auto", 0.81, "crop"), ("auto", 0.79, "keep"), ("auto", 0.0, "keep"), ("crop", 0.11, "crop")],
+    [("auto", 0.81, "crop"), ("auto", 0.79, "fill"), ("auto", 0.0, "fill"), ("crop", 0.11, "crop")],
 )
 def test_a_crop_is_decided_by_what_it_leaves(asked: Any, share: float, decision: str) -> None:
     made = EdgePolicy(asked).decide(SIZE, leaving(share))
@@ -53,6 +55,18 @@ def test_the_error_says_how_much_would_be_left_in_other_processes_too() -> None:
     with pytest.raises(CropTooSmallError, match="leave 5 % of the frame") as caught:
         EdgePolicy("crop").decide(SIZE, leaving(0.05), "frame")
     assert pickle.loads(pickle.dumps(caught.value)).share_left == caught.value.share_left == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(("speed", "decision"), [(4, "crop"), (60, "fill")])
+def test_automatic_edges_of_frames_with_neighbours_are_not_black(speed: int, decision: str) -> None:
+    """Neither in a photo with a neighbour, which may be cropped, nor in a sequence, whose frames keep their size."""
+    frames = [Photo.from_array(Scene(speed=(speed, 1)).frame(number, 0.8)) for number in range(2)]
+    options = SequenceOptions(Clock(0.8).readout_time, Undo(), Readout.TOP_TO_BOTTOM, model="dense")
+    alone = rectify_between(frames[0], None, frames[1], options)
+    (first, _) = unshutter.rectify_frames(frames, readout_ratio=0.8, model="dense")
+    assert (alone.edges, first.edges) == (decision, "fill") and first.array.shape == frames[0].pixels.shape
+    for made in (alone, first):
+        assert made.changed and made.array.sum(axis=-1).min() > 0
 
 
 def _straightened(folder: Path) -> None:

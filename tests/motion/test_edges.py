@@ -131,7 +131,7 @@ def test_large_pictures_are_cropped_to_what_the_photo_saw(height: int, width: in
     assert found.whole == pytest.approx(found.pixels.size / (height * width))
 
 
-@pytest.mark.parametrize(("share", "edges"), [(0.3, "crop"), (2.5, "keep")])
+@pytest.mark.parametrize(("share", "edges"), [(0.3, "crop"), (2.5, "fill")])
 def test_automatic_edges_crop_where_little_is_lost(share: float, edges: str):
     pixels, motion = drawn_scene(300, 400), shake(300, 400, share)
     found = straighten(pixels, motion, "auto")

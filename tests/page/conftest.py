@@ -1,6 +1,7 @@
 """One server and one browser for the tests that leave them as they were."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import httpx
 import pytest
@@ -11,8 +12,14 @@ from support.page_server import Server, served
 
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with served(tmp_path_factory.mktemp("server") / "home") as running:
+def server_home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which the server's temporary files lie."""
+    return tmp_path_factory.mktemp("server") / "home"
+
+
+@pytest.fixture(scope="session")
+def server(server_home: Path) -> Iterator[Server]:
+    with served(server_home) as running:
         yield running
 
 

@@ -42,7 +42,9 @@ def test_numbers_start_at_the_estimate_and_change_it(client: httpx.Client, photo
     assert _after(client, id, **{"lean-deg": "2.5", "strength": "2"})["shape"] == changed["shape"]
 
 
-def test_what_is_saved_is_what_the_motion_file_says(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
+def test_what_is_saved_is_what_the_motion_file_says(
+    client: httpx.Client, server_home: Path, photo: Path, tmp_path: Path
+) -> None:
     from support.batches import rectify
 
     id = opened(client, photo)
@@ -52,6 +54,7 @@ def test_what_is_saved_is_what_the_motion_file_says(client: httpx.Client, photo:
     assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
     picture = client.get(f"/api/photos/{id}/picture", params=wishes)
     assert picture.content == (tmp_path / "expected.jpg").read_bytes()
+    assert not list(server_home.rglob("hand-*.json"))  # a file that nothing would read
 
 
 def test_lines_straighten_a_photo_that_shows_nothing(client: httpx.Client, tmp_path: Path) -> None:

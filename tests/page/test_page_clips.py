@@ -50,6 +50,12 @@ def test_dropped_looked_at_and_saved(page: Page, walk: Path, photo: Path) -> Non
     drop(page, photo, walk)
     wait_for(page, "changed", 1)
     wait_for(page, "opened", 2)  # of a clip that nobody looks at, no motion is looked for
+    state = page.locator("#thumbnails li:nth-child(2) .state")
+    expect(state).to_have_text("not looked at yet")
+    with page.expect_download(timeout=FOUND_MS):
+        page.get_by_role("button", name="Save all").click()
+        page.locator("#save-which button[value=all]").click()
+    expect(state).to_have_text("saved")
     page.get_by_title("walk.mp4").click()
     expect(page.locator("#panel")).to_be_hidden()
     _give_readout(page)

@@ -80,9 +80,11 @@ def test_a_set_for_photogrammetry_of_which_only_a_part_changed_is_warned_of(fold
 
 def test_a_line_says_one_thing_unless_more_is_wanted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = (folder, "-o", folder.parent / "out", "--overwrite")
-    for more, text in (([], "likely)"), (["-v"], "likely; cropped to 84 %)")):
+    for more, advised in (([], False), (["-v"], True)):
         assert found(*words, *more) == 0
-        assert capsys.readouterr().err.splitlines()[0].endswith(f"(up to 9.0 px, confidence 0.90: {text}")
+        told = capsys.readouterr().err.splitlines()
+        assert told[0].endswith("(up to 9.0 px, confidence 0.90: likely; cropped to 84 %)")  # of every changed photo
+        assert ("--min-confidence" in told[3]) == advised
 
 
 def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None:
@@ -218,14 +220,14 @@ def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:
 # ---- edges -----------------------------------------------------------------------------------------------
 
 
-def test_little_is_cropped_away_much_is_kept_and_both_are_said(
+def test_little_is_cropped_away_much_is_filled_and_both_are_said(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     photo, motion, out = folder / "clear.jpg", folder.parent / "m.json", folder.parent / "out.png"
     height, width = Photo.open(photo).pixels.shape[:2]
     for px, said in (
         (4, r"up to 4.0 px; cropped to (\d\d) %"),
-        (40, r"up to 40 px; black corners kept: .* leave (\d\d) %"),
+        (40, r"up to 40 px; corners filled: .* leave (\d\d) %"),
     ):
         RowMotion.from_polynomials([0, px], [0], height, width).save(motion)
         assert rectify(photo, "-o", out, "--motion", motion, "--overwrite") == 0
@@ -241,5 +243,8 @@ def test_coordinates_that_are_wanted_are_kept(folder: Path) -> None:
     out, motion = folder.parent / "out.png", folder.parent / "m.json"
     assert rectify(folder / "clear.jpg", "-o", out, "--save-motion", motion) == 0
     assert Photo.open(out).pixels.shape == Photo.open(folder / "clear.jpg").pixels.shape
+    filled = out.with_name("filled.png")
+    assert rectify(folder / "clear.jpg", "-o", filled, "--edges", "fill") == 0
+    assert same(out, filled)
     assert rectify(folder / "clear.jpg", "-o", out, "--overwrite") == 0
     assert Photo.open(out).width < Photo.open(folder / "clear.jpg").width

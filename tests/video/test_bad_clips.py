@@ -39,9 +39,22 @@ def test_no_film_at_all(tmp_path, capsys):
 def test_what_cannot_be_is_reported_before_the_work(tmp_path, capsys, clip, monkeypatch):
     monkeypatch.setattr("unshutter.video.readout.readout_time_of_clip", None)  # the long search
     refused(capsys, [clip, "-o", tmp_path / "out.txt"], 1, "ends in '.txt': use .mp4, .mov or .mkv")
+    refused(capsys, [clip, clip], 2, f"takes one CLIP: leave out {clip}")
     refused(capsys, [clip, "-o", tmp_path / "out.jpg"], 1, "'.jpg' is not a film", "out/%05d.jpg")
     refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--start", 99], 1, "in.mp4 ends at", "--start")
     refused(capsys, [tmp_path / "photo.jpg"], 2, "is a photo, not a clip: unshutter rectify")
+
+
+@pytest.mark.parametrize(
+    ("ending", "way"), [(".mov", "end the name in .mp4 or .mkv, or add --codec libx264"), (".ogv", "end the name in")]
+)
+def test_another_ending_or_codec_is_offered_that_works(tmp_path, capsys, ending, way):
+    clip = clips.write(tmp_path / "in.webm", GREYS, "libvpx-vp9", options={"cpu-used": "8"})
+    words = [clip, *clips.KNOWN, "-o", tmp_path / f"out{ending}"]
+    refused(capsys, words, 1, f"cannot write libvpx-vp9 into {ending} films (192x144 px, yuv420p): {way}")
+    for kind, flags in ((".mkv", []), (".mov", ["--codec", "libx264"])):
+        out = tmp_path / f"out{kind}"
+        assert main(["video", *map(str, [clip, *clips.KNOWN, "-o", out, "--overwrite", *flags])]) == 0
 
 
 @pytest.mark.parametrize("kind", ["concat", "hls"])

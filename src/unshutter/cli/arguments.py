@@ -60,7 +60,14 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
         print((parser if HELP_ALL in words else _short_parser(name, command)).format_help())
         raise SystemExit
     parser.check_flags(words, command.arguments)
-    values = vars(parser.parse_intermixed_args([*_with_bare_values(words, command.arguments), *names]))
+    known, extra = parser.parse_known_intermixed_args([*_with_bare_values(words, command.arguments), *names])
+    for flag in (word for word in extra if word.startswith("-")):
+        parser.error(f"unknown option {shortened(flag)}: leave it out")
+    if extra:
+        places = [each.key.upper() for each in options_of(command.arguments) if _placed(each)]
+        takes = f"takes one {places[-1]}" if places else "takes options only"
+        parser.error(f"{takes}: leave out {shortened(' '.join(extra))}")
+    values = vars(known)
     for each in options_of(command.arguments):
         if each.more.get("names") == "input" and not each.several and values[each.key] is not None:
             check_plain(Path(values[each.key]))
@@ -107,10 +114,14 @@ class _Parser(argparse.ArgumentParser):
             self.add_argument(*names, action="store_true", help=f"show {shown}", default=argparse.SUPPRESS)
 
     def check_flags(self, words: Sequence[str], kind: type) -> None:
-        """Checks that a command with these arguments has all flags among the words."""
-        known = {*_HELP, *(_flag(each) for each in options_of(kind) if not _placed(each))}
-        for word in words:
+        """Checks that a command with these arguments has all flags among the words, and each choice its value."""
+        options = {_flag(each): each for each in options_of(kind) if not _placed(each)}
+        known = {*_HELP, *options}
+        for word, following in zip(words, [*words[1:], "-"], strict=False):
             flag = word.partition("=")[0]
+            choices = options[word].choices if word in options and "bare" not in options[word].more else ()
+            if choices and following.startswith("-"):
+                self.error(f"{word} needs a value: {', '.join(choices)}")
             if len(flag) > 2 and flag.startswith("--") and " " not in word and flag not in known:
                 self.error(f"unknown option {shortened(flag)}: {suggestion(flag, known) or 'leave it out'}")
 

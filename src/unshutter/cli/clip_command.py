@@ -30,7 +30,7 @@ class Arguments:
     clip: str = positional("A film (.mp4, .mov, .mkv ...).", "input")
     output: str | None = option(
         None,
-        "File to write. Default: NAME.rectified.EXT next to the clip.",
+        "File or folder to write. Default: NAME.rectified.EXT next to the clip.",
         short="-o",
         metavar="PATH",
         names="results",
@@ -50,7 +50,9 @@ def run(arguments: Arguments) -> int:
         options = replace(options, only_changed=True)
     with Bars() as bars:
         clip = Path(arguments.clip)
-        output = arguments.output or str(clip.with_name(film_name(clip)))
+        output = arguments.output
+        if output is None or Path(output).is_dir():
+            output = str(Path(output or clip.parent) / film_name(clip))
         outcome = rectify_clip_file(
             arguments.clip,
             output,
@@ -173,7 +175,7 @@ timestamps are kept. Needs the extra `video`.""",
     when_stopped="no half-written file is left",
     essentials={
         "clip": "a film",
-        "output": "file to write; default: NAME.rectified.EXT",
+        "output": "file or folder to write; default: NAME.rectified.EXT",
         "readout_ms": "readout time of a frame, if you know it",
         "camera": "take its readout time (unshutter cameras lists them)",
         "model": "camera, or dense: near and far move differently",

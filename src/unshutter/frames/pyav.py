@@ -10,6 +10,41 @@ from typing import Any
 from unshutter import errors
 from unshutter.errors import UnshutterError
 
+# ending of a film's name -> FFmpeg's format that writes it as one file
+FILM_FORMATS = {
+    ending: name
+    for name, endings in {
+        "mp4": ".mp4 .lrv",  # GoPro's small copy of a film
+        "ipod": ".m4v",
+        "mov": ".mov",
+        "3gp": ".3gp",
+        "3g2": ".3g2",
+        "f4v": ".f4v",
+        "matroska": ".mkv",
+        "webm": ".webm",
+        "avi": ".avi",
+        "mpegts": ".ts .mts .m2ts .m2t",
+        "mpeg": ".mpg .mpeg .mpe",
+        "vob": ".vob",
+        "flv": ".flv",
+        "asf": ".wmv .asf",
+        "ogv": ".ogv",
+        "mxf": ".mxf",
+        "nut": ".nut",
+        "gif": ".gif",
+        "yuv4mpegpipe": ".y4m",
+        "ivf": ".ivf",
+        "h264": ".h264 .264",
+        "hevc": ".hevc .h265 .265",
+        "obu": ".obu",
+        "dv": ".dv",
+        "mjpeg": ".mjpg .mjpeg",
+        "mpeg1video": ".m1v",
+        "mpeg2video": ".m2v",
+    }.items()
+    for ending in endings.split()
+}
+
 
 @cache
 def av() -> ModuleType:

@@ -200,7 +200,7 @@ def rectify_densely(
         timing,
         options.moment(timing),
         borrow=edges == "borrow",
-        fill=edges == "fill",
+        fill=edges in ("fill", "auto"),  # what a crop leaves is the same
         masked=current.photo.masked,
     )
     back = -options.readout.quarter_turns
@@ -255,7 +255,7 @@ def rectify_frames(
         focal_px: focal length [px of the frames]; by default EXIF's, otherwise it is estimated.
         at: time of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
         fallback: whether a frame whose neighbours are inconclusive is rectified on its own.
-        edges: as for :func:`rectify`, but ``auto`` is ``keep``: all frames keep their size and pixel coordinates.
+        edges: as for :func:`rectify`, but ``auto`` is ``fill``: all frames keep their size and pixel coordinates.
 
     Yields:
         The result for each frame.

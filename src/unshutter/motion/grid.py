@@ -294,7 +294,7 @@ class EdgePolicy:
 
     # ``keep`` leaves areas that the picture does not show black, ``fill`` mirrors the picture at its border,
     # ``borrow`` takes them from neighbouring frames, ``crop`` cuts them away, ``auto`` crops if that leaves at least
-    # :data:`LEAST_AUTO_CROP` of the area, otherwise keeps
+    # :data:`LEAST_AUTO_CROP` of the area, otherwise fills
     edges: Edges
 
     @property
@@ -316,7 +316,7 @@ class EdgePolicy:
             raise CropTooSmallError.leaving(share, subject)
         if self.edges == "crop" or share >= LEAST_AUTO_CROP:
             return EdgeDecision("crop", window, share)
-        return EdgeDecision("keep", whole, share)
+        return EdgeDecision("fill", whole, share)
 
     def without_motion(self, size: Size) -> EdgeDecision:
         """Returns the decision for an unchanged picture, which has no missing areas."""

@@ -76,7 +76,7 @@ def straighten(
         motion: the photo's motion, for exactly its size.
         edges: for pixels whose RS position is a pixel or more outside the photo: ``keep`` makes them black (and
             alpha 0), ``crop`` cuts out the largest upright rectangle of the photo's aspect ratio without them, ``fill``
-            mirrors the photo at its border; ``auto`` crops if that leaves at least 80 % of the area, otherwise keeps.
+            mirrors the photo at its border; ``auto`` crops if that leaves at least 80 % of the area, otherwise fills.
             Less than a pixel outside, ``keep`` and ``crop`` repeat the border, so that no edge gets a black hairline.
         masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated separately, like a colour.
         upright: the pose of the camera to undo in the same step; None: the picture is not turned.

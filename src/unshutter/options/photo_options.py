@@ -153,7 +153,7 @@ class Undo:
         "auto",
         "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them, fill them "
         "with a mirror image of the photo, or borrow them from neighbouring frames. auto crops if at least 80 % of the "
-        "photo is left; otherwise, and with masks, saved motions and sequences, it keeps them. Default: auto.",
+        "photo is left; otherwise, and with masks, saved motions and sequences, it fills them. Default: auto.",
     )
     min_confidence: float | None = option(
         None,
@@ -173,12 +173,12 @@ class Undo:
         check_values(self)
 
     def keeping_coordinates(self) -> Undo:
-        """Returns the options with automatic edges set to keep, for results that keep the photo's coordinates."""
+        """Returns the options with automatic edges filled, for results that keep the photo's size and coordinates."""
         if self.upright:
             raise UsageError(
                 "{--upright} turns the picture, but masks, motions and sequences keep its coordinates: leave it out"
             )
-        return replace(self, edges="keep") if self.edges == "auto" else self
+        return replace(self, edges="fill") if self.edges == "auto" else self
 
     def at_any_confidence(self) -> Undo:
         """Returns the options for a motion from the user, which is undone regardless of its confidence."""

@@ -20,13 +20,11 @@ from unshutter.page.opened import (
     arrows,
     as_jpeg,
     corners_of,
-    digest,
     errors_of,
     kept,
     neighbour_names,
     opened,
     pixels_of,
-    put_text,
     shares,
     small_copy,
 )
@@ -41,9 +39,7 @@ if TYPE_CHECKING:
 
     from unshutter.motion import Motion
     from unshutter.motion.grid import EdgeDecision
-    from unshutter.motion.upright import Pose
     from unshutter.motion.verdict import Candidate
-    from unshutter.options import Edges
     from unshutter.single.drawn_lines import DrawnLine
 
 _CURVE_POINTS = 41
@@ -169,7 +165,7 @@ def _rectified_alone(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
     from unshutter.motion.rectified import judged
-    from unshutter.motion.warp import straighten
+    from unshutter.motion.warp import edge_decision, straighten
 
     full, (height, width) = (photo.height, photo.width), pixels.shape[:2]
     motion, verdict = judged(motion, undo, *((height, width) if draft else full))
@@ -180,18 +176,10 @@ def _rectified_alone(
         return pixels, result
     motion, upright = verdict.undone(motion), verdict.upright
     if not draft:
-        decision = _decided(motion, edges, upright)
+        decision = edge_decision(motion, edges, upright)
         result, edges = result | _edges_json(decision, full, photo.orientation), decision.edges
         motion = motion.resized(*motion.readout.frame_size(height, width))
     return straighten(pixels, motion, "keep" if edges == "keep" else "fill", upright=upright).pixels, result
-
-
-def _decided(motion: Motion, edges: Edges, upright: Pose | None) -> EdgeDecision:
-    """Decides about edges; automatic ones are never black here: they are filled where a crop would leave too little."""
-    from unshutter.motion.warp import edge_decision
-
-    decision = edge_decision(motion, edges, upright)
-    return decision._replace(edges="fill") if (edges, decision.edges) == ("auto", "keep") else decision
 
 
 def _rectified_between(
@@ -202,7 +190,7 @@ def _rectified_between(
     from unshutter.motion.grid import EdgePolicy, valid_window
 
     policy, frames = EdgePolicy(options.undo.edges), options.neighbours
-    undo = replace(options.undo, edges="keep") if policy.may_crop else options.undo
+    undo = replace(options.undo, edges="fill") if policy.may_crop else options.undo
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal_px = options.find.camera.focal_px or photo.focal_px()
     alone = options.find if frames.fallback else None
@@ -277,20 +265,11 @@ def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) ->
 
 def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, str | None]:
     """Returns the options for saving what the page shows, and the JSON of the motion unless neighbours tell it."""
-    from unshutter.motion.rectified import judged
-
-    asked, photo = options.rectify, opened(open_file)
+    asked = options.rectify
     if asked.neighbours:
         return asked, None
-    motion, undo = _motion_to_undo(open_file, photo, options)
-    referred, verdict = judged(motion, undo, photo.height, photo.width)
-    if undo.edges == "auto" and verdict.changes:
-        undo = replace(undo, edges=_decided(verdict.undone(referred), "auto", verdict.upright).edges)
-    if not options.hand:
-        return replace(asked, undo=undo), motion.to_json()
-    file = open_file.path.with_name(f"hand-{digest(asked.find, options.hand)}.json")
-    put_text(file, motion.to_json())
-    return Rectify(motion=file, undo=undo, save=asked.save).settled(), motion.to_json()
+    motion, undo = _motion_to_undo(open_file, opened(open_file), options)
+    return replace(asked, undo=undo), motion.to_json()
 
 
 def _candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:

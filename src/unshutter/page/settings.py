@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from unshutter.errors import UnshutterError, UsageError, as_flag, shortened, visible
+from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, option
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
@@ -187,7 +188,9 @@ def _value(option: Option, text: str) -> Any:
 
 @cache
 def page_module() -> str:
-    """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values."""
+    """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values;
+    and ``films``, the endings of films' names.
+    """
     choices, known = {"estimator": {"enum": names()}}, {"camera": sorted({mode.name for mode in table()})}
     lines = ["// Made by the program from its one description of options (page/settings.py).\n"]
     for word, kind in (("photo", PhotoOptions), ("clip", RectifyClip)):
@@ -198,6 +201,7 @@ def page_module() -> str:
             for option, group in _with_groups(kind)
         }
         lines.append(f"export const {word} = {json.dumps(described)};\n")
+    lines.append(f"export const films = {json.dumps(list(FILM_FORMATS))};\n")
     return "".join(lines)
 
 

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.photo.decoder import SEVERAL_PICTURES
 from unshutter.photo.film import films_beside
 from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
 from unshutter.storage.locations import Place, is_folder, names_below, place
 
 PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
-FILM_SUFFIXES = {".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".3g2"}
-FILM_SUFFIXES |= {".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".flv"}
 RECTIFIED = ".rectified"
 _RESULT = re.compile(rf"(.+){re.escape(RECTIFIED)}(?:-(\d+))?")  # stem of a result
 MADE_BY_US = "made by unshutter"
@@ -29,7 +28,7 @@ _REASONS: dict[str, Callable[[PurePosixPath], bool]] = {
     "hidden": lambda name: any(part.startswith(".") for part in name.parts),
     MADE_BY_US: lambda name: _RESULT.fullmatch(name.stem) is not None or name.parts[0].startswith(_OURS),
     "with several pictures in one file": lambda name: name.suffix.lower() == SEVERAL_PICTURES,
-    "films": lambda name: name.suffix.lower() in FILM_SUFFIXES,
+    "films": lambda name: name.suffix.lower() in FILM_FORMATS,
     _NO_PHOTOS: lambda name: name.suffix.lower() not in PHOTO_SUFFIXES,
 }
 
@@ -81,7 +80,7 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
     """
     inputs = Inputs()
     for source in map(place, sources):
-        if source.suffix.lower() in FILM_SUFFIXES and not is_folder(source):
+        if source.suffix.lower() in FILM_FORMATS and not is_folder(source):
             raise UsageError(f"{source} is a film, not a photo: use unshutter video {source}")
         may_be_folder = isinstance(source, Path) or not source.suffix  # queries to a store are slow
         if not (may_be_folder and is_folder(source)):

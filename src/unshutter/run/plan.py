@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
 from unshutter.readout_time import ReadoutTime
 from unshutter.run.bursts import bursts_among
-from unshutter.run.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
+from unshutter.run.inputs import PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
 from unshutter.run.manifest import NAME, Manifest
 from unshutter.run.work import SHEET_PX, Job, PreviewError, open_photo
 from unshutter.single.register import check_name, weights_file
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 # Names with these extensions are meant as files, even if a folder is needed.
-_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *FILM_SUFFIXES, ".json", ".gif", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
+_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *FILM_FORMATS, ".json", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
 
 
 @dataclass(frozen=True)

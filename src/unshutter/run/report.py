@@ -80,7 +80,8 @@ class Report:
     def done(self, job: Job, outcome: Outcome) -> None:
         """Reports a photo that was changed or left unchanged."""
         verdict = outcome.verdict
-        extras = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
+        extras = {name: value for name in ("model", "note", "edges") if (value := getattr(outcome, name))}
+        extras |= {} if outcome.area_left is None else {"area_left": round(outcome.area_left, 4)}
         again = job.folder_log_odds is not None  # in view of the other photos of its folder
         if again:
             self.counts["done" if job.source in self._causes else "skipped"] -= 1
@@ -101,9 +102,11 @@ class Report:
         if verdict is not None and not changed:
             self._next_steps |= dict.fromkeys(_next_steps(verdict))
         details = verdict.described() if verdict else ""
-        if self.total == 1 or self._plan.run.verbose:
+        if told := self.total == 1 or self._plan.run.verbose:
             model = f"model {outcome.model}" if outcome.model and changed else ""
-            details = "; ".join(filter(None, (verdict and about(verdict), model, outcome.note)))
+            details = "; ".join(filter(None, (verdict and about(verdict), model)))
+        more = (_about_edges(outcome), outcome.note if told else "")
+        details = "; ".join(filter(None, (details, *more)))
         if job.burst is not None:
             details = "; ".join(filter(None, (details, job.burst.described())))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
@@ -188,6 +191,16 @@ def _next_steps(verdict: Verdict) -> Iterator[str]:
         yield "if you know which way the camera moved: --moving left, right, up or down"
     if code is Code.UNSURE:
         yield "what else fits: unshutter estimate --candidates PHOTO"
+
+
+def _about_edges(outcome: Outcome) -> str:
+    """Describes how areas that the photo did not see were handled; empty if that is what the user asked for."""
+    share = None if outcome.area_left is None else f"{math.floor(100 * outcome.area_left)} %"
+    if outcome.edges == "crop":
+        return f"cropped to {share}" if outcome.area_left != 1 else ""
+    if outcome.edges != "fill":
+        return ""
+    return "corners filled" if share is None else f"corners filled: --edges crop would leave {share}"
 
 
 def _spoken(seconds: float) -> str:

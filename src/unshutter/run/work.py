@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, WeightsError, errors_in_one_line
-from unshutter.options import MAX_PIXELS, Camera, Find, Rectify, Save, Undo
+from unshutter.options import MAX_PIXELS, Camera, Edges, Find, Rectify, Save, Undo
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.libvips import libvips
@@ -101,6 +100,8 @@ class Outcome:
     note: str = ""  # further information for the user
     model: str = ""  # motion model used for a photo with neighbours (frames/sequence_rectification.py); otherwise empty
     verdict: Verdict | None = None  # whether the photo was changed, and why not
+    edges: Edges | None = None  # how areas that the photo did not see were handled; None: unchanged
+    area_left: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
     seconds: float = 0.0  # duration of the job
     source_is: str | None = None  # fingerprint of the photo that was read
     picture: Place | None = None  # the picture that was written; for an unchanged photo there may be none
@@ -271,10 +272,9 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
     left = dict(zip(job.targets, job.left, strict=True))
     written = {target for target in (picture, motion_target, mask_target) if target is not None}
     may_replace = {target: _may_replace(job, target, left[target]) for target in written}
-    about = _about_edges(result)
+    as_written = ""
     if picture is not None:
         as_written = _save_picture(result, job.source, picture, may_replace[picture], request.save)
-        about = "; ".join(filter(None, (about, as_written)))
     if motion_target is not None:
         assert result.motion is not None
         text = f"{result.motion.to_json()}\n".encode()
@@ -294,7 +294,9 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
         verdict=result.verdict,
         group=_group(job.source, result.original),
         chance=chance,
-        note=about,
+        note=as_written,
+        edges=result.edges if result.changed else None,
+        area_left=result.whole,
         model=model,
         source_is=source_is,
         picture=picture,
@@ -349,16 +351,6 @@ def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
     except UnshutterError:  # no optical flow: use what is known of the camera's motion, or keep the photo
         motion = job.motion.motion(request.undo.reference or "first")
         return RectifiedFrame.of(undo(photo, motion, request.undo), "camera")
-
-
-def _about_edges(result: Rectified | RectifiedFrame) -> str:
-    """Describes how areas that the photo did not see were handled, if the user may not have asked for it."""
-    if result.whole is None:
-        return ""
-    share = f"{math.floor(100 * result.whole)} %"
-    if result.edges == "crop":
-        return f"cropped to {share}" if result.whole < 1 else ""
-    return f"black corners kept: --edges crop would leave {share}"
 
 
 def _may_replace(job: Job, target: Place, left: str | None) -> bool:

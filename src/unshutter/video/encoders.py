@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -112,7 +112,7 @@ def _checked(name: str, clip: ClipFacts) -> str:
         codec = av().Codec(name, "w")
     except ValueError:
         raise UnshutterError(
-            f"this FFmpeg has no encoder '{shortened(name)}': {other_encoders(clip.pixels.name)}"
+            f"this FFmpeg has no encoder '{shortened(name)}': {_other_encoder(clip.pixels.name)}"
         ) from None
     if codec.type != "video":
         raise UsageError(f"'{name}' is not a video encoder: choose libx264, libx265, libsvtav1 or prores_ks")
@@ -122,16 +122,21 @@ def _checked(name: str, clip: ClipFacts) -> str:
     if name == "prores_ks" and REDUCED.get(clip.pixels.name) in takes:
         return REDUCED[clip.pixels.name]
     raise UnshutterError(
-        f"{name} cannot write frames of the format {clip.pixels.name}: {other_encoders(clip.pixels.name)}"
+        f"{name} cannot write frames of the format {clip.pixels.name}: {_other_encoder(clip.pixels.name)}"
     )
 
 
-def other_encoders(pixel_format: str, but: str = "") -> str:
+def others_for(pixel_format: str) -> Iterator[str]:
+    """Yields the names of usual encoders that take frames of a format."""
+    for name in ("libx264", "libx265", "prores_ks", "ffv1", "libx264rgb", "libvpx-vp9"):
+        if pixel_format in [each.name for each in av().Codec(name, "w").video_formats or []]:
+            yield name
+
+
+def _other_encoder(pixel_format: str) -> str:
     """Returns the advice to choose another encoder, and names one that takes such frames."""
-    for name in ("libx264", "libx265", "prores_ks", "ffv1", "libx264rgb"):
-        if name != but and pixel_format in [each.name for each in av().Codec(name, "w").video_formats or []]:
-            return f"choose another encoder with {{--codec}}, such as {name}"
-    return "choose another encoder with {--codec}"
+    such_as = next((f", such as {name}" for name in others_for(pixel_format)), "")
+    return f"choose another encoder with {{--codec}}{such_as}"
 
 
 def _speed(name: str, preset: str | None) -> dict[str, str]:

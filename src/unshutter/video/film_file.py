@@ -19,14 +19,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.pyav import av
+from unshutter.frames.pyav import FILM_FORMATS, av
+from unshutter.options.clip_options import Encode
 from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
 from unshutter.storage.files import written_whole
 from unshutter.video.clip import ClipFacts, look
 from unshutter.video.containers import COVER, FilmFile, opened, time_of
 from unshutter.video.decode import frames_of
-from unshutter.video.encoders import REDUCED, Encoder, other_encoders
+from unshutter.video.encoders import REDUCED, Encoder, others_for
 from unshutter.video.pixels import upright
 
 if TYPE_CHECKING:
@@ -41,40 +42,8 @@ _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
 _CLOCKS = ("mpegts", "mpeg")  # formats whose times begin anywhere
-_FORMATS = {  # FFmpeg's formats that write one file, and that is a film
-    ending: name
-    for name, endings in {
-        "mp4": ".mp4",
-        "ipod": ".m4v",
-        "mov": ".mov",
-        "3gp": ".3gp",
-        "3g2": ".3g2",
-        "f4v": ".f4v",
-        "matroska": ".mkv",
-        "webm": ".webm",
-        "avi": ".avi",
-        "mpegts": ".ts .mts .m2ts .m2t",
-        "mpeg": ".mpg .mpeg",
-        "vob": ".vob",
-        "flv": ".flv",
-        "asf": ".wmv .asf",
-        "ogv": ".ogv",
-        "mxf": ".mxf",
-        "nut": ".nut",
-        "gif": ".gif",
-        "yuv4mpegpipe": ".y4m",
-        "ivf": ".ivf",
-        "h264": ".h264 .264",
-        "hevc": ".hevc .h265 .265",
-        "obu": ".obu",
-        "dv": ".dv",
-        "mjpeg": ".mjpg .mjpeg",
-        "mpeg1video": ".m1v",
-        "mpeg2video": ".m2v",
-    }.items()
-    for ending in endings.split()
-}
-_MP4 = (".mp4", ".mov", ".m4v")
+_USUAL = (".mp4", ".mov", ".mkv")  # file endings that are offered instead of another
+_MP4 = (".mp4", ".mov", ".m4v", ".lrv")
 
 
 class FilmWriter:
@@ -225,7 +194,7 @@ def check_ending(ending: str) -> None:
         raise UnshutterError(
             f"'{ending}' is not a film: write film.mkv, and FFmpeg takes it apart, ffmpeg -i film.mkv out/%05d{ending}"
         )
-    if ending.lower() not in _FORMATS:
+    if ending.lower() not in FILM_FORMATS:
         problem = f"no film that is one file ends in '{ending}'" if ending else "the name of the film has no ending"
         raise UnshutterError(f"{problem}: use .mp4, .mov or .mkv")
 
@@ -244,7 +213,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         options = {"movie_timescale": str(ticks), "movflags": f"use_metadata_tags{early}"}
     file = str(place) if isinstance(place, Path) else place
     try:
-        container = av().open(file, "w", format=_FORMATS[ending.lower()], container_options=options)
+        container = av().open(file, "w", format=FILM_FORMATS[ending.lower()], container_options=options)
     except (ValueError, av().error.FFmpegError) as error:
         raise UnshutterError(f"cannot write the clip: {error}") from None
     try:
@@ -256,7 +225,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
 
 def start_of(clip: ClipFacts, ending: str) -> float:
     """Returns the time of a clip that becomes 0 in a film of another kind [s], which may hide what is before 0."""
-    if clip.kind in _CLOCKS and clip.kind != _FORMATS[ending]:
+    if clip.kind in _CLOCKS and clip.kind != FILM_FORMATS[ending]:
         return clip.start_s
     return min(clip.start_s, 0.0) if clip.timing.start < 0 else 0.0
 
@@ -267,22 +236,34 @@ def holds_covers(ending: str, clip: ClipFacts) -> bool:
 
 
 def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
-    """Returns the encoder as a film of some file ending takes it: with the clip's codec tag if possible."""
+    """Returns the encoder as a film of some file ending takes it: with the clip's codec tag if possible.
 
-    def add_frame(container: Any) -> None:
-        stream = trial.add_to(container, clip, (clip.height, clip.width))
+    The error names endings and encoders that were tried and work.
+    """
+
+    def add_frame(container: Any, encoder: Encoder) -> None:
+        stream = encoder.add_to(container, clip, (clip.height, clip.width))
         frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
         frame.pts, frame.time_base = 0, stream.codec_context.time_base
         for packet in [*stream.encode(frame), *stream.encode(None)]:
             packet.dts = packet.pts  # which libx265 gets wrong for a single frame
             container.mux(packet)
 
-    for trial in (encoder, replace(encoder, tagged=False)):
-        if _takes(ending, "video", add_frame):
+    def fits(ending: str, encoder: Encoder) -> bool:
+        return _takes(ending, "video", partial(add_frame, encoder=encoder))
+
+    untagged = replace(encoder, tagged=False)
+    for trial in (encoder, untagged):
+        if fits(ending, trial):
             return trial
+    endings = [other for other in _USUAL if fits(other, untagged)]
+    others = (Encoder.choose(clip, Encode(name)) for name in others_for(clip.pixels.name))
+    codec = next((f"add {{--codec}} {other.name}" for other in others if fits(ending, other)), "")
+    names = f"end the name in {' or '.join(endings)}" if endings else ""
+    ways = ", or ".join(filter(None, (names, codec))) or "choose another {--codec}"
     raise UnshutterError(
         f"cannot write {encoder.name} into {ending} films ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
-        f"{other_encoders(encoder.pixel_format, encoder.name)}"
+        f"{ways}"
     )
 
 

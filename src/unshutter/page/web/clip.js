@@ -2,16 +2,16 @@
 
 import { factsIn, Refused } from "./api.js";
 import { Opened } from "./opened.js";
+import { films } from "./options.js";
 import { pace } from "./saving.js";
 import { words } from "./words.js";
 
-const ENDINGS = /\.(3g2|3gp|avi|lrv|m2ts|m4v|mkv|mov|mp4|mpe?g|mts|mxf|ts|webm|wmv)$/i;
 const SMALL = 320;
 const PART = ["start", "end"]; // options that say which part of the clip is kept
 const SEARCHED = [...PART, "readout-ms", "readout-ratio", "camera"]; // options that the search for the readout time goes by
 const LOOK_MS = 500; // between looks at how far it is
 
-export const isClip = (file) => file.type.startsWith("video/") || ENDINGS.test(file.name);
+export const isClip = (file) => file.type.startsWith("video/") || films.some((ending) => file.name.toLowerCase().endsWith(ending));
 
 export class Clip extends Opened {
   kind = "clip";

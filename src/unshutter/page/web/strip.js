@@ -133,7 +133,7 @@ export class Strip {
 
 export function stateOf(photo) {
   if (photo.kind === "clip" && photo.state in words.clipState) {
-    return photo.state === "done" && photo.kept ? words.clipStateSaved : words.clipState[photo.state];
+    return ["opened", "done"].includes(photo.state) && photo.kept ? words.clipStateSaved : words.clipState[photo.state];
   }
   if (photo.state === "done") {
     if (!photo.result.changed) return words.alone;

@@ -88,7 +88,7 @@ export const words = {
 
   clipState: {
     finding: "finding the motion…",
-    opened: "ready",
+    opened: "not looked at yet",
     asking: "needs its readout time",
     done: "ready to save",
   },

@@ -1,0 +1,137 @@
+"""One photo or clip, one result: the page, the command line and Python write the same bytes, whatever the format."""
+
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+from support import clips
+from support.page_server import events, opened, run_command
+from support.rich_files import exif
+
+RATIO = 0.6  # of the clips' readout, so that no test looks for it
+PHOTOS_IN_PYTHON = """
+import sys, pathlib, unshutter
+for photo in map(pathlib.Path, sys.argv[2:]):
+    result = unshutter.rectify(photo)
+    name = f"{photo.stem}.rectified{photo.suffix}" if result.changed else photo.name
+    result.save(pathlib.Path(sys.argv[1]) / name)
+"""
+CLIPS_IN_PYTHON = """
+import sys, pathlib, unshutter
+for clip in map(pathlib.Path, sys.argv[2:]):
+    unshutter.rectify_clip(str(clip), str(pathlib.Path(sys.argv[1]) / clip.name), readout_ratio=0.6)
+"""
+
+
+@pytest.fixture(scope="module")
+def photos(
+    tmp_path_factory: pytest.TempPathFactory, rolling_facade: np.ndarray, basilica: tuple[np.ndarray, object]
+) -> list[Path]:
+    """Photos of every format that is written; one of them does not change, one loses too much to be cropped."""
+    folder = tmp_path_factory.mktemp("photos")
+    picture, far = Image.fromarray(rolling_facade), Image.fromarray(basilica[0])
+    seen = Image.fromarray(np.broadcast_to(np.arange(560, dtype=np.uint8) // 4 + 115, (420, 560)).copy())
+    save: dict[str, Callable[[Path], object]] = {
+        "plain.jpg": lambda path: picture.save(path, quality=92, subsampling=0),
+        "turned.jpg": lambda path: far.transpose(Image.Transpose.FLIP_LEFT_RIGHT).save(path, exif=exif(2), quality=95),
+        "grey.jpg": lambda path: picture.convert("L").save(path),
+        "eight.png": picture.save,
+        "alpha.png": lambda path: _with_alpha(picture, seen).save(path),
+        "sixteen.png": lambda path: _write_deep(path, rolling_facade),
+        "plain.webp": lambda path: picture.save(path, quality=90),
+        "plain.tif": picture.save,
+        "plain.avif": lambda path: picture.save(path, quality=90),
+        "far.jpg": lambda path: far.save(path, quality=95),
+        "still.jpg": lambda path: Image.new("RGB", (400, 300), "grey").save(path),
+    }
+    for name, write in save.items():
+        write(folder / name)
+    return [folder / name for name in save]
+
+
+def _with_alpha(picture: Image.Image, alpha: Image.Image) -> Image.Image:
+    copy = picture.copy()
+    copy.putalpha(alpha)
+    return copy
+
+
+def _write_deep(path: Path, pixels: np.ndarray) -> None:
+    import cv2
+
+    cv2.imwrite(str(path), pixels[..., ::-1].astype(np.uint16) * 257)
+
+
+def _from_the_page(client: httpx.Client, ids: list[str], options: dict[str, str]) -> dict[str, bytes]:
+    """Returns the files of a zip file of all, by name."""
+    items = [{"id": id, "options": options} for id in ids]
+    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
+    told = list(events(client, saving["id"]))[-1]
+    assert told["state"] == "finished" and not [each for each in told["done"] if "error" in each], told
+    packed = zipfile.ZipFile(BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+    return {name: packed.read(name) for name in packed.namelist()}
+
+
+def _written(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in folder.iterdir() if not file.name.startswith("unshutter-")}
+
+
+def _in_python(program: str, out: Path, files: list[Path]) -> None:
+    out.mkdir()
+    subprocess.run([sys.executable, "-c", program, str(out), *map(str, files)], check=True)
+
+
+def _no_corner_is_black(file: bytes) -> bool:
+    pixels = np.asarray(Image.open(BytesIO(file)).convert("RGB")).astype(int).sum(axis=-1)
+    return all(pixels[row, col] > 30 for row in (0, -1) for col in (0, -1))
+
+
+def test_photos(client: httpx.Client, photos: list[Path], tmp_path: Path) -> None:
+    on_page = _from_the_page(client, [opened(client, photo) for photo in photos], {})
+    log = tmp_path / "log.jsonl"
+    run_command("rectify", *photos, "-o", tmp_path / "commands", "--each-alone", "--json-log", log)
+    _in_python(PHOTOS_IN_PYTHON, tmp_path / "python", photos)
+    assert sorted(on_page) == sorted(_written(tmp_path / "commands")) == sorted(_written(tmp_path / "python"))
+    differing = {
+        name: (
+            content == (tmp_path / "commands" / name).read_bytes(),
+            content == (tmp_path / "python" / name).read_bytes(),
+        )
+        for name, content in on_page.items()
+    }
+    assert set(differing.values()) == {(True, True)}, differing
+    changed = [name for name in on_page if ".rectified." in name]
+    assert len(changed) == len(photos) - 1 and on_page["still.jpg"] == photos[-1].read_bytes()
+    assert all(_no_corner_is_black(on_page[name]) for name in changed)
+    told = log.read_text()
+    assert '"edges": "crop"' in told and '"edges": "fill"' in told
+
+
+def test_clips(client: httpx.Client, tmp_path: Path) -> None:
+    originals, commands = tmp_path / "clips", tmp_path / "commands"
+    originals.mkdir()
+    commands.mkdir()
+    moving = clips.moving(12)[1]
+    films = [
+        clips.write(originals / "walk.mkv", moving, "ffv1", sound=True),
+        clips.write(originals / "walk.mov", moving, "prores_ks", "yuv422p10le"),
+        clips.write(originals / "still.mkv", clips.standing(8), "ffv1"),
+    ]
+    ids = []
+    for film in films:
+        answer = client.post("/api/clips", content=film.read_bytes(), headers={"Unshutter-Name": film.name})
+        ids.append(answer.json()["id"])
+        run_command("video", film, "-o", commands / film.name, "--readout-ratio", RATIO)
+    _in_python(CLIPS_IN_PYTHON, tmp_path / "python", films)
+    on_page = _from_the_page(client, ids, {"readout-ratio": str(RATIO)})
+    assert list(on_page) == ["walk.rectified.mkv", "walk.rectified.mov", "still.mkv"]
+    for film, content in zip(films, on_page.values(), strict=True):
+        assert content == (commands / film.name).read_bytes() == (tmp_path / "python" / film.name).read_bytes()
+        assert (content == film.read_bytes()) == (film.stem == "still")
