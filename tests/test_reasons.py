@@ -6,7 +6,7 @@ from string import Formatter
 
 import pytest
 
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, Reason, percent
 
 
 def test_every_code_has_a_sentence() -> None:
@@ -20,6 +20,11 @@ def test_a_reason_survives_json(code: Code) -> None:
     reason = Reason.of(code, **dict.fromkeys(names, 3))
     assert Reason.from_json(json.loads(json.dumps(reason.as_json()))) == reason
     assert re.fullmatch(r"[a-z0-9-]+", reason.as_json()["code"])
+
+
+@pytest.mark.parametrize(("share", "words"), [(0.8399, "84 %"), (0.8, "80 %"), (0.999, "99 %"), (1.0, "100 %")])
+def test_a_share_is_the_nearest_per_cent_but_100_only_if_it_is_all(share: float, words: str) -> None:
+    assert percent(share) == words
 
 
 def test_a_code_of_a_later_version_keeps_its_sentence() -> None:

@@ -14,6 +14,7 @@ from unshutter.errors import UnshutterError
 from unshutter.options import MIN_CONFIDENCE, Neighbours, Rectify, Undo
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS
+from unshutter.reasons import as_stated
 
 UNSURE, SURE = Sure(MIN_CONFIDENCE / 2), Sure(0.9)
 
@@ -30,7 +31,7 @@ def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
     assert not left.changed
     assert left.reason == str(left.motion.reason)
     assert left.reason.startswith("not sure: it would help with a probability of 0.")
-    assert left.motion.is_zero and left.motion.confidence == MIN_CONFIDENCE / 2
+    assert left.motion.is_zero and left.motion.confidence == as_stated(MIN_CONFIDENCE / 2)
     assert left.found.largest_px == pytest.approx(9)
     assert left.valid.all()
     for options in (

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter.errors import UsageError
 from unshutter.motion import Motion
 from unshutter.motion.rectified import Rectified, undo
 from unshutter.motion.verdict import Candidate, alone
@@ -15,10 +16,12 @@ from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Re
 from unshutter.options.fields import check_type, for_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, open_photo
+from unshutter.reasons import MOST_STATED
 from unshutter.single.drawn_lines import DrawnLine, StraightenedLines, motion_from_lines, read_lines
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import DoNothing, chosen, find_candidates
 from unshutter.single.network import SegmentNetwork
+from unshutter.single.prospects import MOST_IN_FOLDER
 from unshutter.single.register import load, method
 from unshutter.storage.opened import Opened
 
@@ -175,7 +178,8 @@ def candidates(
         The motion that :func:`estimate` returns comes first. Leaving the photo unchanged counts as a candidate.
 
     Raises:
-        UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
+        UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference, or a
+            single candidate is chosen.
 
     Examples:
         >>> [candidate.motion.confidence for candidate in unshutter.candidates("house.jpg")][:1]
@@ -183,6 +187,8 @@ def candidates(
     """
     keywords = locals()
     camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
+    if candidate is not None:
+        raise UsageError("candidates() lists all motions: leave out candidate, or give it to estimate() or rectify()")
     return photo_candidates(open_photo(photo), _loaded(estimator), camera, row)
 
 
@@ -203,7 +209,10 @@ def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) ->
 def photo_candidates(
     photo: Photo, estimator: Estimator, camera: Camera, reference: Reference = "first"
 ) -> tuple[Candidate, ...]:
-    """Finds the motions that fit a photo, best first: from the film inside it, otherwise from the estimator."""
+    """Finds the motions that fit a photo, best first: from the film inside it, otherwise from the estimator.
+
+    Their probabilities are as they are stated everywhere (reasons.py).
+    """
     check_size(photo.height, photo.width)
     view = View(photo, camera)
     evidence = _film_evidence(view, estimator)
@@ -213,7 +222,9 @@ def photo_candidates(
         unused = None if evidence is None else evidence.reason
         found = find_candidates(estimator, view)
         possible = tuple(replace(each, motion=replace(each.motion, film=unused)) for each in found)
-    return tuple(replace(each, motion=each.motion.rereferenced(reference)) for each in possible)
+    most = MOST_IN_FOLDER if camera.folder_log_odds else MOST_STATED
+    referred = (replace(each, motion=each.motion.rereferenced(reference)) for each in possible)
+    return tuple(each.as_stated(most) for each in referred)
 
 
 def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:

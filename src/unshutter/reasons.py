@@ -7,7 +7,8 @@ interface, since it names a flag or a button.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Self
 
@@ -67,7 +68,20 @@ class Code(Worded):
     NO_VISIBLE_MOTION = "no-visible-motion", "no visible motion"
     STRENGTH_0 = "strength-0", "a strength of 0 undoes nothing"
     UNSURE = "unsure", "not sure: it would help with a probability of {confidence:.2f}"
+    HARDLY_HELPS = "hardly-helps", "not sure: the motion that was found is hardly larger than its typical error"
     UNSURE_WHETHER_MOVED = "unsure-whether-moved", "not sure whether the camera moved: confidence {confidence:.2f}"
+    # the same of a photo whose user says that the camera moved
+    UNSURE_HOW_MOVED = (
+        "unsure-how-moved",
+        "you said that the camera moved, but the likeliest motion would help with a probability of only "
+        "{confidence:.2f}",
+    )
+    MOVED_TOO_LITTLE = (
+        "moved-too-little",
+        "you said that the camera moved, but the motion that fits, up to {px:.1f} px, is hardly larger than its "
+        "typical error",
+    )
+    MOVED_OTHERWISE = "moved-otherwise", "you said how the camera moved, but no motion that fits goes that way"
     WIDE_LENS = "wide-lens", "not sure: a wide lens bends lines"
     WHICH_WAY = "which-way", "its motion blur shows that the camera moved, but not which way"
     TOO_SMALL = "too-small", "it would move by less than half a pixel"
@@ -81,7 +95,7 @@ class Code(Worded):
     NO_VISIBLE_DISTORTION = "no-visible-distortion", "this clip has no visible rolling-shutter distortion"
     NO_GAIN = (
         "no-gain",
-        "undoing the motion hardly helps: wobble of {before:.2f} px before, {after:.2f} px after, of 1080 rows",
+        "undoing the motion hardly helps: wobble of {before:.2f} px before, {after:.2f} px after",
     )
     HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
     ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"
@@ -151,6 +165,18 @@ class Reason:
         str(reason)
         return reason
 
+    @property
+    def px(self) -> float:
+        """The displacement that it speaks of [px]; 0 if it speaks of none."""
+        return float(dict(self.figures).get("px", 0.0))
+
+    def as_stated(self, most: float) -> Reason:
+        """Returns the reason with its confidence, if it has one, as :func:`as_stated`."""
+        figures = dict(self.figures)
+        if "confidence" in figures:
+            figures["confidence"] = as_stated(float(figures["confidence"]), most)
+        return replace(self, figures=tuple(figures.items()))
+
     def __str__(self) -> str:
         """The reason as an English sentence."""
         return self.code.sentence.format(**dict(self.figures))
@@ -163,3 +189,16 @@ class Reason:
 def pixels(px: float) -> str:
     """Formats a length for people: ``41 px``, ``4.1 px``."""
     return f"{px:.0f} px" if px >= 10 else f"{px:.1f} px"
+
+
+MOST_STATED = 0.97  # of those stated at more, three in five of a hard set were wrong: no evidence supports more
+
+
+def as_stated(probability: float, most: float = MOST_STATED) -> float:
+    """Returns a probability as it is stated everywhere: two decimals, rounded down, and not more than was measured."""
+    return min(math.floor(100 * probability + 1e-9) / 100, most)
+
+
+def percent(share: float) -> str:
+    """Formats a share for people: ``84 %``; 100 % is all of it, not almost all."""
+    return f"{min(round(100 * share), 99) if share < 1 else round(100 * share)} %"

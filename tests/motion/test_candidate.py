@@ -1,13 +1,16 @@
 """Candidates in words and as JSON."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Candidate, Motion, RowMotion
-from unshutter.motion.verdict import alone
+from unshutter import Candidate, Motion, RowMotion, UsageError
+from unshutter.motion.verdict import Verdict, alone
+from unshutter.options import Undo
+from unshutter.reasons import Code, Reason
 
 
 def pan(tx_px: float, rows: int = 100) -> RowMotion:
@@ -43,6 +46,33 @@ def test_a_candidate_is_resized_with_its_error() -> None:
     half = Candidate("pan", pan(24), 0.5, 4.0).resized(50, 40)
     assert half.expected_error_px == 2.0
     assert half.motion.largest_px == pytest.approx(12, rel=0.03)
+
+
+def test_each_number_says_what_it_is_the_chance_of() -> None:
+    assert Candidate("hand", pan(9), 0.62, 3.1).described() == (
+        "hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)"
+    )
+    still = Candidate("still", RowMotion.zero(100, 80), 0.38)
+    assert still.described() == "as it is (chance 0.38 that the likeliest other does not help)"
+
+
+@pytest.mark.parametrize(("found", "stated"), [(0.7893, 0.78), (0.999, 0.97), (0.78, 0.78), (0.0, 0.0)])
+def test_one_number_is_the_same_wherever_it_is_stated(found: float, stated: float) -> None:
+    motion = replace(pan(9), confidence=found, reason=Reason.of(Code.UNSURE, confidence=found, px=9))
+    candidate = Candidate("hand", motion, found).as_stated()
+    numbers = candidate.probability, candidate.motion.confidence, candidate.as_json()["probability"]
+    assert numbers == (stated,) * 3
+    assert f"{stated:.2f}" in candidate.described() and f"{stated:.2f}" in str(candidate.motion.reason)
+    assert Verdict.of(motion, Undo()).confidence == stated  # of a motion from elsewhere
+
+
+def test_that_nothing_helps_is_never_ruled_out() -> None:
+    assert Candidate("still", RowMotion.zero(100, 80), 0.001).as_stated().probability == 0.03
+
+
+def test_all_candidates_are_listed_or_one_is_chosen(basilica: tuple[np.ndarray, Motion]) -> None:
+    with pytest.raises(UsageError, match="leave out candidate"):
+        unshutter.candidates(basilica[0], candidate=99)
 
 
 def test_a_method_that_finds_one_motion_has_two_candidates() -> None:

@@ -41,7 +41,14 @@ def test_files_that_know_nothing_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"attitude": 5}, {"attitude": "up"}, {"attitude": {"roll_deg": "up"}}, {"exposure_s": float("nan")}]
+    "wrong",
+    [
+        {"attitude": 5},
+        {"attitude": "up"},
+        {"attitude": {"roll_deg": "up"}},
+        {"attitude": {"stated": 3}},
+        {"exposure_s": float("nan")},
+    ],
 )
 def test_files_that_know_nonsense_are_refused(wrong: dict) -> None:
     data = json.loads(_motion().to_json()) | wrong
@@ -78,6 +85,10 @@ def test_an_estimate_says_what_was_known_of_the_photo() -> None:
     assert motion.exposure_s == pytest.approx(0.004)
     given = unshutter.estimate(photo, estimator="none", roll_deg=2, exposure_s=0.1)
     assert (given.roll_deg, given.tilt_deg, given.exposure_s) == (2, 0, 0.1)
-    assert given.attitude_from == "given; accelerometer (Apple)"
+    assert given.attitude_from == "given; accelerometer (Apple)" and given.stated_angles == (True, False)
+    data = json.loads(given.to_json())
+    assert data["attitude"]["stated"] == {"roll": True, "tilt": False} and Motion.from_json(given.to_json()) == given
+    del data["attitude"]["stated"]  # as earlier versions wrote it
+    assert Motion.from_json(json.dumps(data)).stated_angles == (False, False)
     bare = unshutter.estimate(drawn(96, 128), estimator="none")
     assert bare == replace(bare, roll_deg=None, tilt_deg=None, attitude_from="", exposure_s=None)

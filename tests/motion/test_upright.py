@@ -13,12 +13,13 @@ from support.shaken_scenes import shake
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
-from unshutter.motion.upright import Pose
+from unshutter.motion.upright import NONE_STATED, Pose, Stated
 from unshutter.motion.verdict import Verdict
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import Camera, Rectify, Undo
-from unshutter.orientation import Orientation
+from unshutter.orientation import Orientation, Readout
 from unshutter.photo import Photo
+from unshutter.photo.attitude import Attitude
 from unshutter.reasons import Cause, Code, Reason
 from unshutter.run.report import about
 from unshutter.single.estimator import View
@@ -60,13 +61,13 @@ def test_verticals_come_out_vertical_and_level_lines_level(roll_deg: float, tilt
 
 
 def test_level_undoes_the_roll_alone() -> None:
-    level = HELD.undone_for("level", (False, False))
+    level = HELD.undone_for("level", NONE_STATED)
     assert isinstance(level, Pose)
     assert (level.roll_deg, level.tilt_deg) == (HELD.roll_deg, None)
     col, row = level.leaning(np.array([199.5, 299.5]), np.array([149.5, 149.5]), HEIGHT, WIDTH)
     # the camera is turned clockwise, so what is level rises to the right in the photo
     assert np.degrees(np.arctan2(row[0] - row[1], col[1] - col[0])) == pytest.approx(2.3)
-    assert HELD.undone_for("full", (False, False)) == HELD
+    assert HELD.undone_for("full", NONE_STATED) == HELD
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_level_undoes_the_roll_alone() -> None:
     ],
 )
 def test_what_is_too_much_is_left_unless_it_was_stated(pose: Pose, wish, stated, code: Code | None) -> None:
-    undone = pose.undone_for(wish, stated)
+    undone = pose.undone_for(wish, Stated(*stated))
     assert (undone.code if isinstance(undone, Reason) else None) == code
 
 
@@ -164,6 +165,18 @@ def test_a_photo_that_is_turned_is_changed(motion: RowMotion, wish, words: str) 
     assert verdict.changes and verdict.as_json()["changed"] and verdict.cause is None
     assert verdict.undone(motion).is_zero == motion.is_zero
     assert not Verdict.of(motion, Undo()).upright
+
+
+@pytest.mark.parametrize(("stated", "levelled"), [({"tilt_deg": 0}, False), ({"roll_deg": 15, "tilt_deg": 0}, True)])
+def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: bool, monkeypatch) -> None:
+    """A measured roll of 15 degrees is meant, or a mistake: only a stated one is undone."""
+    photo = Photo.from_array(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    monkeypatch.setattr(Photo, "attitude", Attitude(15.0, 0.0, "accelerometer (Acme)", Readout.TOP_TO_BOTTOM))
+    view = View(photo, Camera(**stated))
+    verdict = Verdict.of(view.noted(view.no_motion("me", Reason(Code.NO_VISIBLE_MOTION))), Undo(upright="level"))
+    assert verdict.changes == levelled
+    assert (verdict.not_upright is None) == levelled
+    assert levelled or verdict.not_upright.code is Code.TOO_ASKEW
 
 
 def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:

@@ -24,7 +24,7 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
         (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50: unsure"),
         (sheared(4.2), 1.0, "", "up to 4.2 px"),
         (sheared(4.2, 0.0), 0.0, "", "up to 4.2 px, confidence 0.00: unsure"),
-        (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 1.00: sure"),
+        (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 0.97: sure"),
         (
             sheared(124, 0.36),
             0.5,
@@ -56,7 +56,7 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
             replace(sheared(9.0, 0.93), expected_error=0.026),
             0.5,
             "",
-            "up to 9.0 px, confidence 0.93: likely, within about 2.1 px",
+            "up to 9.0 px, confidence 0.93: likely, typically off by 2.1 px",
         ),
         (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "no motion", None),
         (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
@@ -71,6 +71,32 @@ def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause:
     assert verdict.changes == (not cause) == (verdict.reason is None) == (not verdict.sentence)
     assert told in (None, about(verdict))
     assert verdict.as_json()["changed"] == verdict.changes
+
+
+@pytest.mark.parametrize(
+    ("strength", "said", "left_px"),
+    [
+        (1, "typically off by 2.1 px", None),
+        (0.5, "up to 20 px left on purpose", 20.0),
+        (1.5, "up to 20 px more than was found, on purpose", -20.0),
+    ],
+)
+def test_a_strength_says_what_it_leaves_instead_of_the_error_of_all(strength: float, said: str, left_px) -> None:
+    motion = replace(sheared(40.0, 0.93), expected_error=0.026).scaled(strength)
+    verdict = Verdict.of(motion, Undo(strength=strength))
+    assert verdict.described() == f"up to {40 * strength:.0f} px, confidence 0.93: likely, {said}"
+    assert verdict.as_json().get("left_px") == left_px
+    assert ("expected_error_px" in verdict.as_json()) == (strength == 1)
+
+
+@pytest.mark.parametrize("code", [Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.UNSURE])
+def test_what_is_advised_where_a_motion_is_hardly_measurable_undoes_it(code: Code) -> None:
+    """1.5 px of 600 rows: any least confidence but 0 calls that no visible motion."""
+    found = replace(RowMotion.from_polynomials([0, 1.5], [0], 600, 400), confidence=0.6)
+    reason = Reason.of(code, confidence=0.6, px=1.5)
+    told = about(Verdict.of(replace(found.scaled(0), reason=reason), Undo()))
+    assert told.endswith("; --min-confidence 0 would move it by up to 1.5 px")
+    assert Verdict.of(found, Undo(min_confidence=0)).changes
 
 
 def test_what_is_said_to_be_enough_is_enough() -> None:

@@ -39,9 +39,9 @@ def test_candidates_are_listed_for_people_and_for_programs(photo: Path, capsys: 
     assert main(["estimate", "--candidates", "--json", str(photo)]) == 0
     listed = capsys.readouterr()
     assert listed.err.splitlines() == [
-        f"{photo}: 1  as it is (probability 0.60)",
-        f"{photo}: 2  pan to the right, 9.0 px (probability 0.30, off by 4.0 px)",
-        f"{photo}: 3  hand, 5.0 px (probability 0.10, off by 6.0 px)",
+        f"{photo}: 1  as it is (chance 0.60 that the likeliest other does not help)",
+        f"{photo}: 2  pan to the right, 9.0 px (chance 0.30 that it helps, typically off by 4.0 px)",
+        f"{photo}: 3  hand, 5.0 px (chance 0.10 that it helps, typically off by 6.0 px)",
     ]
     data = json.loads(listed.out)
     assert data["format"] == "unshutter-candidates/1"

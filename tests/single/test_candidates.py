@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from support.posteriors import posterior_of
-from unshutter import View
-from unshutter.options import Camera, Moving
+from unshutter import RowMotion, View
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Camera, Moving, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
-from unshutter.single.candidates import candidates_of, modes_of
+from unshutter.single.candidates import _reason_to_leave, candidates_of, modes_of
 from unshutter.single.search import Optima, Posterior, displacement
 
 PAN, SHAKE = np.array([0.1, 0, 0, 0, 0, 0]), np.array([-0.05, 0.02, 0, 0.01, 0, 0])
@@ -92,7 +93,7 @@ def test_the_way_of_the_camera_decides_between_directions(way: Moving, sign: int
 def test_a_photo_whose_lines_show_no_motion_the_stated_way_is_left_alone(view: View) -> None:
     told = View(view.photo, Camera(moving="right"))
     (still,) = candidates_of(posterior_of(PAN, 80), told, "me", PAN)
-    assert still.kind == "still" and still.motion.reason == Reason(Code.NO_VISIBLE_MOTION)
+    assert still.kind == "still" and still.motion.reason == Reason(Code.MOVED_OTHERWISE)
 
 
 def test_a_mean_that_looks_like_a_mode_is_not_listed_twice(view: View) -> None:
@@ -132,3 +133,47 @@ def test_the_turning_point_is_where_the_folder_decides(evidence: float, view: Vi
 def test_a_photo_that_was_moved_by_all_accounts_takes_no_part_in_its_folder(view: View) -> None:
     assert candidates_of(two_modes(20), View(view.photo, Camera(moving="yes")), "me", PAN)[0].motion.chance is None
     assert candidates_of(replace(two_modes(20), lines_gain=-0.5), view, "me", PAN)[0].motion.chance is None
+
+
+# ---- what the user says of the camera ------------------------------------------------------------------------
+
+
+def moving(view: View, way: Moving = "yes", least: float | None = None) -> View:
+    return View(view.photo, Camera(moving=way, least_confidence=least))
+
+
+def test_a_camera_that_moved_may_be_faster_than_hands(view: View) -> None:
+    fast = posterior_of(5 * PAN, 1e3, 1e-3)
+    assert candidates_of(fast, view, "me")[0].motion.reason == Reason(Code.TOO_FAST_FOR_HANDS)
+    assert [each.kind for each in candidates_of(fast, view, "me")] == ["still"]
+    told = candidates_of(fast, moving(view), "me")
+    assert [each.kind != "still" for each in told].count(True) == 1
+    assert told[0].motion.reason is None or told[0].motion.reason.code is not Code.TOO_FAST_FOR_HANDS
+
+
+@pytest.mark.parametrize("evidence", [-40, -20, -5])
+@pytest.mark.parametrize(("size", "way"), [(1.0, "yes"), (0.1, "yes"), (0.1, "left")])
+def test_whoever_says_that_the_camera_moved_is_not_told_that_it_did_not(
+    evidence: float, size: float, way: Moving, view: View
+) -> None:
+    posterior = posterior_of(size * PAN, evidence)
+    first, *others = candidates_of(posterior, moving(view, way), "me")
+    assert first.motion.reason is not None
+    assert first.motion.reason.code in (Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE)
+    assert str(first.motion.reason).startswith("you said that the camera moved, but ")
+    assert others and candidates_of(posterior, moving(view, way, least=0.0), "me")[0].motion.largest_px > 0
+
+
+def test_a_motion_too_small_to_be_seen_is_not_called_no_motion_by_the_verdict(view: View) -> None:
+    """Half a pixel that surely helps is smaller than the usual error, so it is left; the words know what was said."""
+    posterior = posterior_of(0.01 * PAN, 200, 1e-6)
+    first = candidates_of(posterior, moving(view), "me")[0]
+    reason = Verdict.of(first.motion, Undo()).reason
+    assert reason is not None and reason.code in (Code.MOVED_TOO_LITTLE, Code.UNSURE_HOW_MOVED)
+
+
+def test_what_surely_helps_but_hardly_is_not_left_as_unsure_whether_it_helps(view: View) -> None:
+    """Its error is as large as it is: to state the probability of help would contradict the decision."""
+    motion = RowMotion.from_polynomials([0, 3], [0], view.height, view.width)
+    assert _reason_to_leave(0.97, motion).code is Code.HARDLY_HELPS
+    assert _reason_to_leave(0.6, motion) == Reason.of(Code.UNSURE, confidence=0.6, px=motion.largest_px)

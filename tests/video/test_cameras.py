@@ -68,17 +68,17 @@ def test_a_camera_is_found_by_make_model_size_and_rate(nemo):
 
 def test_profiles_and_lenses_that_disagree_give_a_range(nemo):
     two = cameras.find("Nemo", "Two", SIZE, 30)
-    assert (two.ms, two.plausible_ms, two.camera) == (12, (8, 16), "Nemo Two, this mode")
+    assert (two.ms, two.plausible_ms, two.camera) == (12, (8, 16), "Nemo Two in this mode")
     pro = cameras.find("Nemo", "One Pro", SIZE, 30)
-    assert (pro.plausible_ms, pro.camera) == ((10, 15), "Nemo One Pro, this mode")
+    assert (pro.plausible_ms, pro.camera) == ((10, 15), "Nemo One Pro in this mode")
 
 
 def test_other_modes_of_a_camera_say_something_of_a_mode_that_is_not_listed(nemo):
     faster = cameras.find("Nemo", "Two", SIZE, 100)
     assert faster.plausible_ms == (8, 10)  # never longer than a frame takes
-    assert faster.camera == "Nemo Two, this frame size at another rate"
+    assert faster.camera == "Nemo Two in this frame size at other rates"
     other = cameras.find("Nemo", "One", (640, 480), 30)
-    assert (other.ms, other.plausible_ms, other.camera) == (20, (20, 20), "Nemo One, other modes of this camera")
+    assert (other.ms, other.plausible_ms, other.camera) == (20, (20, 20), "Nemo One in its other modes")
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_other_modes_of_a_camera_say_something_of_a_mode_that_is_not_listed(nemo
 )
 def test_cameras_are_known_by_the_names_that_their_files_give_them(tags, camera):
     entry = cameras.find(*cameras.camera_of(tags), (3840, 2160), 29.97)
-    assert entry is not None and cameras._spelled(entry.camera.partition(",")[0]) == cameras._spelled(camera)
+    assert entry is not None and cameras._spelled(entry.camera.partition(" in ")[0]) == cameras._spelled(camera)
 
 
 @pytest.mark.parametrize("tags", [{"make": "Nemo"}, {"model": "On"}, {"firmware": "1.0"}, {}])

@@ -119,8 +119,13 @@ def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path
 @pytest.mark.parametrize(("after", "declined"), [(0.97, Code.NO_GAIN), (0.90, None)])
 def test_a_sure_gain_must_be_worth_the_sharpness(after, declined):
     pairs = 40
-    gain = Gain(
-        pairs, [3.0] * pairs, gains=[9.0] * pairs, wobble_px=[(1.0, after)] * pairs, _changes_px=[(3.0, 3.0)] * pairs
-    )
-    reason = gain.declined()
+    known = {"gains": [9.0] * pairs, "wobble_px": [(1.0, after)] * pairs, "_changes_px": [(3.0, 3.0)] * pairs}
+    reason = Gain(pairs, 1080, [3.0] * pairs, **known).declined()
     assert (reason and reason.code) == declined
+
+
+def test_a_wobble_is_told_in_pixels_of_the_clip():
+    pairs = 40
+    known = {"gains": [9.0] * pairs, "wobble_px": [(2.0, 1.98)] * pairs, "_changes_px": [(3.0, 3.0)] * pairs}
+    reason = Gain(pairs, 480, [3.0] * pairs, **known).declined()
+    assert str(reason) == "undoing the motion hardly helps: wobble of 0.89 px before, 0.88 px after"

@@ -73,7 +73,7 @@ def _line_of(time: ReadoutTime) -> str:
     ms = time.ms
     if time.plausible_ms is not None:
         low, high = (f"{each:.1f}" for each in time.plausible_ms)
-        span = "" if low == high else f" ({low} to {high} ms)"
+        span = "" if low == high else f" (anything from {low} to {high} ms)"
         usual = f"taking {ms:.1f} ms, typical of {time.camera}{span}"
         return f"unshutter: {time.instead_of}: {usual}; to set it: --readout-ms"
     if time.source in ("motion", "gyro"):

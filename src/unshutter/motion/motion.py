@@ -17,7 +17,7 @@ from unshutter import errors
 from unshutter.errors import MissingFileError, UnshutterError, UsageError, shortened
 from unshutter.motion import motion_file
 from unshutter.motion.shapes import Float, Float64, Numbers
-from unshutter.motion.upright import Pose
+from unshutter.motion.upright import NONE_STATED, Pose, Stated
 from unshutter.options import Reference
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
@@ -95,7 +95,8 @@ class Motion(ABC):
         reason: why there is no motion, if the estimator declined; otherwise None.
         roll_deg, tilt_deg: attitude of the camera (see :class:`~unshutter.options.Camera`) [degrees]; None if unknown
             when the motion was found.
-        attitude_from: source of the attitude; empty if unknown.
+        attitude_from: source of the attitude, in words; empty if unknown.
+        stated_angles: which angles of the attitude the user stated.
         exposure_s: exposure time of the photo [s]; None if unknown.
         kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
             (name, share); empty if the estimator does not report them.
@@ -123,6 +124,7 @@ class Motion(ABC):
     roll_deg: float | None = None
     tilt_deg: float | None = None
     attitude_from: str = ""
+    stated_angles: Stated = NONE_STATED
     exposure_s: float | None = None
     kind_shares: tuple[tuple[str, float], ...] = ()
     film: Reason | None = None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from unshutter.errors import UnshutterError, visible
-from unshutter.motion.upright import Pose
+from unshutter.motion.upright import Pose, Stated
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
 
@@ -100,6 +100,7 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
     }
     reason, film, attitude_from = (common[name] for name in ("reason", "film", "attitude_from"))
     attitude = {"roll_deg": common["roll_deg"], "tilt_deg": common["tilt_deg"], "from": attitude_from}
+    attitude |= {"stated": common["stated_angles"]._asdict()} if any(common["stated_angles"]) else {}
     optional = {
         "reason": reason and str(reason),
         "declined": reason and reason.as_json(),
@@ -142,6 +143,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
         "roll_deg": _number(attitude.get("roll_deg")),
         "tilt_deg": _number(attitude.get("tilt_deg")),
         "attitude_from": visible(str(attitude.get("from", ""))),
+        "stated_angles": Stated(**{name: bool(own) for name, own in dict(attitude.get("stated") or {}).items()}),
         "exposure_s": _number(data.get("exposure_s")),
         "kind_shares": tuple(
             (visible(str(name)), float(share)) for name, share in dict(data.get("kinds") or {}).items()

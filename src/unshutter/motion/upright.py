@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,16 @@ from unshutter.reasons import Code, Reason
 _MOST_ROLL_DEG, _MOST_TILT_DEG = 8.0, 25.0  # more is meant, or a mistake: undone only if the user states it
 _STRAIGHT = 89.0  # degrees from the horizon, from which nothing is upright
 _SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))
+
+
+class Stated(NamedTuple):
+    """Which angles of the camera its user stated; the others were measured or are unknown."""
+
+    roll: bool = False
+    tilt: bool = False
+
+
+NONE_STATED = Stated()
 
 
 @dataclass(frozen=True)
@@ -42,14 +52,14 @@ class Pose:
         """Returns the pose of a camera that sees the scene turned clockwise by this angle [rad]."""
         return replace(self, roll_deg=self.roll_deg - math.degrees(clockwise_rad))
 
-    def undone_for(self, wish: Upright, stated: tuple[bool, bool]) -> Pose | Reason:
-        """Returns the part of the pose to undo, or why not; ``stated``: whether roll, and tilt, are the user's."""
+    def undone_for(self, wish: Upright, stated: Stated) -> Pose | Reason:
+        """Returns the part of the pose to undo, or why not."""
         tilt = 0.0 if wish == "level" else self.tilt_deg
         if tilt is None:
             return Reason(Code.POSE_UNKNOWN)
-        if abs(self.roll_deg) > _MOST_ROLL_DEG and not stated[0]:
+        if abs(self.roll_deg) > _MOST_ROLL_DEG and not stated.roll:
             return Reason.of(Code.TOO_ASKEW, deg=round(abs(self.roll_deg), 1))
-        if abs(tilt) > (_STRAIGHT if stated[1] else _MOST_TILT_DEG):
+        if abs(tilt) > (_STRAIGHT if stated.tilt else _MOST_TILT_DEG):
             return Reason.of(Code.TOO_STEEP, deg=round(abs(tilt), 1))
         return self if wish == "full" else replace(self, tilt_deg=None)
 

@@ -17,7 +17,7 @@ from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
 from unshutter.orientation import scene_up
-from unshutter.reasons import Cause, Code, MotionSource, Reason, pixels
+from unshutter.reasons import MOST_STATED, Cause, Code, MotionSource, Reason, as_stated, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +76,10 @@ _CAUSES = {
     Code.NO_ROLLING_SHUTTER: Cause.NO_ROLLING_SHUTTER,
     Code.FILM_STOOD_STILL: Cause.NO_MOTION,
     Code.UNSURE: Cause.UNSURE,
+    Code.HARDLY_HELPS: Cause.UNSURE,
+    Code.UNSURE_HOW_MOVED: Cause.UNSURE,
+    Code.MOVED_TOO_LITTLE: Cause.UNSURE,
+    Code.MOVED_OTHERWISE: Cause.UNSURE,
     Code.UNSURE_WHETHER_MOVED: Cause.UNSURE,
     Code.WHICH_WAY: Cause.UNSURE,
     Code.WIDE_LENS: Cause.UNSURE,
@@ -118,7 +122,10 @@ class Verdict:
     source: MotionSource | None = None
     rows: int = 0  # number of rows of the picture; 0 if unknown
     film: Reason | None = None  # why the film inside the photo was not used; None if it was used or the photo has none
-    error_px: float | None = None  # expected mean displacement that remains if undoing the motion helps [px]
+    # expected mean displacement that remains if undoing the motion helps [px]; None if unknown, or if the strength
+    # leaves more of it on purpose
+    error_px: float | None = None
+    left_px: float = 0.0  # largest displacement that the strength leaves on purpose; negative: undone beyond it [px]
     upright: Pose | None = None  # the pose of the camera that is undone; None: the photo is not turned
     not_upright: Reason | None = None  # why the photo is not turned although that was asked for
     leans: bool = False  # whether the photo leans, while the camera may have been rolled as well as moved
@@ -126,15 +133,19 @@ class Verdict:
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
         """Decides whether to undo a motion, which has the photo's size, and the strength and reference row to use."""
-        largest, sure = motion.largest_px, motion.confidence
+        largest = motion.largest_px
+        sure = None if motion.confidence is None else as_stated(motion.confidence)
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
         reason = _reason_against(motion, largest, sure, undo)
-        error_px = None if motion.expected_error is None else motion.expected_error * motion.height
+        known = motion.expected_error if undo.strength == 1 else None
+        error_px = None if known is None else known * motion.height
+        left_px = largest * (1 / undo.strength - 1) if undo.strength > 0 else 0.0
         pose = motion.held if reason is None else motion.held_at_rest
         upright, against = _turned(motion, pose, undo.upright) if undo.upright else (None, None)
         unsure = reason is not None and _CAUSES.get(reason.code) is Cause.UNSURE and motion.roll_deg is None
         leans = unsure and pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG
-        return cls(largest, sure, reason, source, motion.height, motion.film, error_px, upright, against, leans)
+        left = error_px, left_px
+        return cls(largest, sure, reason, source, motion.height, motion.film, *left, upright, against, leans)
 
     @property
     def undoes(self) -> bool:
@@ -157,6 +168,15 @@ class Verdict:
         return self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.rows > 0
 
     @property
+    def least_confidence(self) -> float | None:
+        """A least confidence with which a motion would be undone that is left because it is unsure; otherwise None."""
+        if self.reason is None or _CAUSES.get(self.reason.code) is not Cause.UNSURE or self.reason.px < LEAST_PX:
+            return None
+        if self.confidence is None or not is_measurable(self.reason.px, self.rows):
+            return 0.0  # undoes the likeliest motion, whatever is known of it
+        return math.floor(10 * self.confidence) / 10
+
+    @property
     def cause(self) -> Cause | None:
         """Why the photo is left unchanged, as counted in summaries; None if it is changed."""
         return None if self.changes or self.reason is None else _CAUSES.get(self.reason.code, Cause.NO_EVIDENCE)
@@ -173,10 +193,10 @@ class Verdict:
         return motion if self.undoes else replace(motion.scaled(0), reason=self.reason)
 
     def described(self) -> str:
-        """One-line summary: ``up to 41 px, confidence 0.93: likely, within about 2 px``, or why it is unchanged."""
-        within = "" if self.error_px is None else f", within about {pixels(self.error_px)}"
+        """One line: ``up to 41 px, confidence 0.93: likely, typically off by 2.0 px``, or why it is unchanged."""
         look = ", please look" if self.needs_a_look else ""
-        words = f"up to {pixels(self.largest_px)}{self._at_confidence}{within}{look}" if self.undoes else self.sentence
+        done = f"up to {pixels(self.largest_px)}{self._at_confidence}{self._remaining}{look}"
+        words = done if self.undoes else self.sentence
         words = words if self.source is None else f"{words} (by the film inside it)"
         turned = self.not_upright if self.upright is None else self.upright.described()
         return f"{turned}; {words}" if turned else words
@@ -188,6 +208,7 @@ class Verdict:
         pose, about = self.upright, self.reason.as_json() if self.reason is not None else {}
         optional = {
             "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,
+            "left_px": round(self.left_px, 2) if self.undoes and self.left_px else None,
             "source": self.source,
             "film": self.film and self.film.as_json(),
             "upright": pose and {"roll_deg": round(pose.roll_deg, 2), "tilt_deg": pose.tilt_deg},
@@ -202,7 +223,20 @@ class Verdict:
     def _at_confidence(self) -> str:
         if self.confidence is None:
             return ""
-        return f", confidence {_two_decimals(self.confidence):.2f}: {self.certainty}"
+        return f", confidence {self.confidence:.2f}: {self.certainty}"
+
+    @property
+    def _remaining(self) -> str:
+        if self.left_px > 0:
+            return f", up to {pixels(self.left_px)} left on purpose"
+        if self.left_px < 0:
+            return f", up to {pixels(-self.left_px)} more than was found, on purpose"
+        return "" if self.error_px is None else f", typically off by {pixels(self.error_px)}"
+
+
+def is_measurable(largest_px: float, rows: int) -> bool:
+    """Whether an estimated motion with this largest displacement [px] is larger than its usual error."""
+    return largest_px >= max(LEAST_PX, rows / _SMALLEST)
 
 
 def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Undo) -> Reason | None:
@@ -214,27 +248,19 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
     if motion.is_zero:
         return Reason(Code.NO_MOTION)
     if sure is not None and undo.min_confidence != 0:
-        if largest < max(LEAST_PX, motion.height / _SMALLEST):
+        if not is_measurable(largest, motion.height):
             return Reason(Code.NO_VISIBLE_MOTION)
         if sure < (MIN_CONFIDENCE if undo.min_confidence is None else undo.min_confidence):
-            return Reason.of(Code.UNSURE, confidence=_two_decimals(sure), px=largest)
+            return Reason.of(Code.UNSURE, confidence=sure, px=largest)
     return Reason(Code.TOO_SMALL) if largest < LEAST_PX else None
 
 
 def _turned(motion: Motion, pose: Pose | None, wish: Upright) -> tuple[Pose | None, Reason | None]:
     """Returns the pose to undo, None if it is upright already or is left, and why it is left."""
-    roll, tilt = (
-        angle is not None and motion.attitude_from.startswith("given") for angle in (motion.roll_deg, motion.tilt_deg)
-    )
-    turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, (roll, tilt))
+    turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, motion.stated_angles)
     if isinstance(turned, Reason):
         return None, turned
     return (turned if turned.largest_px(motion.height, motion.width) >= LEAST_PX else None), None
-
-
-def _two_decimals(confidence: float) -> float:
-    """Rounds down, so that a value below a limit never appears to reach it."""
-    return math.floor(100 * confidence + 1e-9) / 100
 
 
 KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
@@ -254,7 +280,8 @@ class Candidate:
             or other (for methods that do not report a kind).
         motion: for the photo's full size, with the first row as the reference.
         probability: that undoing this motion brings the photo closer to the truth, 0 to 1, the same as the motion's
-            confidence; for the unchanged photo, that none of the others does. None if the method does not report one.
+            confidence, so those of several motions need not add up to 1; for the unchanged photo, that the likeliest of
+            the others does not. None if the method does not report one.
         expected_error_px: mean displacement that remains if it does [px]; None if the method does not report one.
         orientation: EXIF orientation of the photo; determines the directions in the description.
     """
@@ -274,11 +301,25 @@ class Candidate:
         return f"{name}, {pixels(self.motion.largest_px)}"
 
     def described(self) -> str:
-        """Description with the known figures, e.g. ``pan to the left, 24 px (probability 0.62, off by 3.1 px)``."""
-        stated = [] if self.probability is None else [f"probability {self.probability:.2f}"]
+        """Description with the known figures: ``hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)``."""
+        known, helps = [], "the likeliest other does not help" if self.kind == "still" else "it helps"
+        if self.probability is not None:
+            known.append(f"chance {as_stated(self.probability):.2f} that {helps}")
         if self.expected_error_px is not None:
-            stated.append(f"off by {pixels(self.expected_error_px)}")
-        return f"{self.description} ({', '.join(stated)})" if stated else self.description
+            known.append(f"typically off by {pixels(self.expected_error_px)}")
+        return f"{self.description} ({', '.join(known)})" if known else self.description
+
+    def as_stated(self, most: float = MOST_STATED) -> Candidate:
+        """Returns the candidate with its probability, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
+        sure, reason = self.motion.confidence, self.motion.reason
+        motion = replace(
+            self.motion,
+            confidence=None if sure is None else as_stated(sure, most),
+            reason=None if reason is None else reason.as_stated(most),
+        )
+        least = 1 - MOST_STATED if self.kind == "still" else 0.0  # that nothing helps is never ruled out
+        chance = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
+        return replace(self, motion=motion, probability=chance)
 
     def as_json(self) -> dict[str, Any]:
         """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -15,7 +14,7 @@ from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.photo import PREVIEW
 from unshutter.progress import Progress, rate, tell
-from unshutter.reasons import Cause, Code, pixels
+from unshutter.reasons import Cause, Code, percent, pixels
 from unshutter.run.inputs import MADE_BY_US, Inputs
 from unshutter.run.work import Job, Outcome, PreviewError, open_photo
 from unshutter.storage.files import JsonLog
@@ -33,7 +32,9 @@ if TYPE_CHECKING:
 Tell = Callable[[str], None]  # prints a line for the user
 
 _MAY_HAVE_MOVED = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.UNSURE_WHETHER_MOVED}
-_BY_ITSELF = {*_MAY_HAVE_MOVED, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
+_UNSURE_WHICH = {Code.UNSURE, Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED}
+_TOLD = {Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.MOVED_OTHERWISE}
+_BY_ITSELF = {*_MAY_HAVE_MOVED, *_TOLD, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
 
 
 class Report:
@@ -100,7 +101,7 @@ class Report:
         changed = verdict is None or verdict.changes
         self._causes[job.source] = None if verdict is None else verdict.cause
         if verdict is not None and not changed:
-            self._next_steps |= dict.fromkeys(_next_steps(verdict))
+            self._next_steps |= dict.fromkeys(_next_steps(verdict, self._plan.request.find.camera.moving is not None))
         details = verdict.described() if verdict else ""
         if told := self.total == 1 or self._plan.run.verbose:
             model = f"model {outcome.model}" if outcome.model and changed else ""
@@ -178,10 +179,10 @@ class Report:
         return exit_code(self.counts["failed"], self.total)
 
 
-def _next_steps(verdict: Verdict) -> Iterator[str]:
+def _next_steps(verdict: Verdict, told_moving: bool) -> Iterator[str]:
     """Suggests options for a photo that was left unchanged because it does not show clearly how it moved."""
     code = verdict.reason.code if verdict.reason is not None else None
-    if code in _MAY_HAVE_MOVED:
+    if code in _MAY_HAVE_MOVED and not told_moving:
         yield "if the camera moved: --moving"
     if code in _BY_ITSELF:
         yield "with a frame taken just before or after: --before or --after"
@@ -189,13 +190,15 @@ def _next_steps(verdict: Verdict) -> Iterator[str]:
         yield "if it leans: --upright level"
     if code is Code.WHICH_WAY:
         yield "if you know which way the camera moved: --moving left, right, up or down"
-    if code is Code.UNSURE:
+    if code in _UNSURE_WHICH:
         yield "what else fits: unshutter estimate --candidates PHOTO"
+    if code in _TOLD:
+        yield "draw lines along what is straight: unshutter serve"
 
 
 def _about_edges(outcome: Outcome) -> str:
     """Describes how areas that the photo did not see were handled; empty if that is what the user asked for."""
-    share = None if outcome.area_left is None else f"{math.floor(100 * outcome.area_left)} %"
+    share = None if outcome.area_left is None else percent(outcome.area_left)
     if outcome.edges == "crop":
         return f"cropped to {share}" if outcome.area_left != 1 else ""
     if outcome.edges != "fill":
@@ -252,10 +255,9 @@ def _advice(verdict: Verdict) -> str:
         return "leans: the camera was turned, or moved; --upright straightens it either way"
     if verdict.reason is None or verdict.confidence is None:
         return ""
-    if verdict.reason.code is Code.UNSURE:
-        figures = dict(verdict.reason.figures)
-        limit = math.floor(10 * float(figures["confidence"])) / 10
-        return f"--min-confidence {limit:g} would move it by up to {pixels(float(figures['px']))}"
+    enough = verdict.least_confidence
+    if enough is not None:
+        return f"--min-confidence {enough:g} would move it by up to {pixels(verdict.reason.px)}"
     if verdict.reason.code is Code.WHICH_WAY:
         return "--moving left, right, up or down says which"
     return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""

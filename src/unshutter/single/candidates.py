@@ -17,8 +17,8 @@ from typing import cast
 
 import numpy as np
 
-from unshutter.motion.motion import Chance
-from unshutter.motion.verdict import LIKELY, Candidate, KindOfMotion
+from unshutter.motion.motion import Chance, Motion
+from unshutter.motion.verdict import LIKELY, Candidate, KindOfMotion, is_measurable
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prospects import MOVING, Mode, Prospect, experience, prospect
@@ -63,7 +63,8 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     first, least = prospects[0], view.camera.least_confidence
     if _is_undone(first, least) and (first.better >= LIKELY or least is not None):
         return (*moving, _still(view, estimator, None, 1 - first.better))
-    return (_still(view, estimator, Reason(Code.WHICH_WAY), 1 - first.better), *moving)
+    reason = _reason_of_moved(first.better, moving[0].motion) if view.heading else Reason(Code.WHICH_WAY)
+    return (_still(view, estimator, reason, 1 - first.better), *moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +115,11 @@ def candidates_of(
     camera = view.camera
     if view.heading:
         if not (view.heading * (posterior.optima.motions @ _ACROSS) > 0).any():  # none goes the way that was stated
-            return (_still(view, estimator, Reason(Code.NO_VISIBLE_MOTION), None),)
+            return (_still(view, estimator, Reason(Code.MOVED_OTHERWISE), None),)
         posterior = _heading(posterior, view.heading)
     roll_known = view.attitude_deg()[0] is not None
     shift = MOVING if camera.moving else MOVING * view.edges.smeared + camera.folder_log_odds
-    modes = modes_of(posterior)
+    modes = modes_of(posterior, math.inf if camera.moving else LARGEST)
     prospects = [prospect(posterior, mode, opinion, roll_known, shift) for mode in modes]
     weighed = [each.better if camera.at_any_odds else each.benefit for each in prospects]
     if weighed and weighed[0] > 0:  # of the mean
@@ -129,16 +130,20 @@ def candidates_of(
     chance = None if camera.moving else _chance(prospects, camera.folder_log_odds, opinion is not None)
     at_rest = 1 - max((each.better for each in prospects), default=0.0)
     reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
-    if reason is None and displacement(posterior.motion) > LARGEST:
+    if reason is None and not camera.moving and displacement(posterior.motion) > LARGEST:
         mean = prospect(posterior, _mean(posterior), opinion, roll_known, shift)
         reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > _PROBABLY else None
     if reason is not None and not camera.at_any_odds:
         return (_still(view, estimator, reason, None), *moving)
     if best is None or not _is_undone(prospects[best], camera.least_confidence):
-        reason = _reason_to_leave(
-            *(0.0, 0.0) if best is None else (prospects[best].better, moving[0].motion.largest_px)
-        )
+        reason = Reason(Code.NO_VISIBLE_MOTION)
+        if best is not None:
+            leave = _reason_of_moved if camera.moving else _reason_to_leave
+            reason = leave(prospects[best].better, moving[0].motion)
         return (_with_chance(_still(view, estimator, reason, at_rest), chance), *moving)
+    first = moving[0].motion
+    if camera.moving and not camera.at_any_odds and not is_measurable(first.largest_px, first.height):
+        return (_still(view, estimator, _reason_of_moved(prospects[best].better, first), at_rest), *moving)
     return (_with_chance(moving[0], chance), *moving[1:], _still(view, estimator, None, at_rest))
 
 
@@ -166,10 +171,11 @@ def _heading(posterior: Posterior, sign: int) -> Posterior:
     return replace(posterior, motion=motion, covariance=covariance, optima=left, kinds=kinds)
 
 
-def modes_of(posterior: Posterior) -> list[Mode]:
+def modes_of(posterior: Posterior, largest: float = LARGEST) -> list[Mode]:
     """Returns the mean of the posterior, then its most probable modes that differ from it.
 
-    Motions larger than a hand-held camera makes are left out.
+    Args:
+        largest: displacement [rows] above which they are left out; by default, more than a hand-held camera makes.
     """
     optima, names = posterior.optima, cast(list[KindOfMotion], list(posterior.kinds))
     groups: list[list[int]] = []
@@ -178,7 +184,7 @@ def modes_of(posterior: Posterior) -> list[Mode]:
         groups.append([int(k)]) if home is None else home.append(int(k))
     modes, mean = [_mode(optima, group, names) for group in groups], _mean(posterior)
     others = [mode for mode in modes if mode.share >= _LEAST_SHARE and not _alike(mode.motion, mean.motion)]
-    possible = [mode for mode in (mean, *others) if displacement(mode.motion) <= LARGEST]
+    possible = [mode for mode in (mean, *others) if displacement(mode.motion) <= largest]
     return sorted(possible, key=lambda mode: -mode.share)[: _MOST_MODES + 1]
 
 
@@ -199,9 +205,12 @@ def _candidate(mode: Mode, found: Prospect, posterior: Posterior, view: View, es
     return Candidate(mode.kind, motion, found.better, found.error * view.height, view.photo.orientation)
 
 
+_OF_THE_MOTION = {Code.UNSURE, Code.WHICH_WAY, Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE}
+
+
 def _still(view: View, estimator: str, reason: Reason | None, probability: float | None) -> Candidate:
     stated = None if reason is None or probability is None else probability
-    if reason is not None and reason.code in (Code.UNSURE, Code.WHICH_WAY):
+    if reason is not None and reason.code in _OF_THE_MOTION:
         stated = 1 - (probability or 0.0)  # of the motion that is not undone
     motion = replace(view.no_motion(estimator, reason), confidence=stated)
     return Candidate("still", motion, probability, None, view.photo.orientation)
@@ -211,13 +220,22 @@ def _is_undone(found: Prospect, least: float | None) -> bool:
     return found.benefit > 0 if least is None else found.better >= least
 
 
-def _reason_to_leave(better: float, largest_px: float) -> Reason:
+def _reason_to_leave(better: float, motion: Motion) -> Reason:
     """Returns why a photo is left alone whose best motion has this probability of helping."""
+    if better > LIKELY:  # and yet what would be gained is not worth the risk
+        return Reason.of(Code.HARDLY_HELPS, px=motion.largest_px)
     if better > _PROBABLY:
-        return Reason.of(Code.UNSURE, confidence=better, px=largest_px)
+        return Reason.of(Code.UNSURE, confidence=better, px=motion.largest_px)
     if better > _HARDLY:
         return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=1 - better)
     return Reason(Code.NO_VISIBLE_MOTION)
+
+
+def _reason_of_moved(better: float, motion: Motion) -> Reason:
+    """Returns why a photo is left alone although its user says that the camera moved."""
+    if better > LIKELY or not is_measurable(motion.largest_px, motion.height):
+        return Reason.of(Code.MOVED_TOO_LITTLE, px=motion.largest_px)
+    return Reason.of(Code.UNSURE_HOW_MOVED, confidence=better, px=motion.largest_px)
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
-from unshutter.motion.upright import Pose
+from unshutter.motion.upright import Pose, Stated
 from unshutter.motion.verdict import Candidate, alone
 from unshutter.options import Camera
 from unshutter.orientation import Readout, scene_up
@@ -122,9 +122,10 @@ class View:
 
     def noted(self, motion: Motion) -> Motion:
         """Returns the motion with what is known about the photo apart from its pixels."""
-        held = self.attitude()
+        held, own = self.attitude(), Stated(self.camera.roll_deg is not None, self.camera.tilt_deg is not None)
         roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
-        noted = replace(motion, roll_deg=roll, tilt_deg=tilt, attitude_from=held.source, exposure_s=self.exposure_s())
+        attitude = {"roll_deg": roll, "tilt_deg": tilt, "attitude_from": held.source, "stated_angles": own}
+        noted = replace(motion, **attitude, exposure_s=self.exposure_s())
         if held.roll_deg is None:
             return noted
         measured = Pose(held.roll_deg, held.tilt_deg, self.focal_px() / self.height, self.up)

@@ -214,7 +214,7 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
     """Returns the readout time by the modes of one camera that match the given one most closely."""
     of_size = [mode for mode in modes if mode.has_size(size)]
     same = [mode for mode in of_size if mode.has_rate(rate)]
-    match = "this mode" if same else "this frame size at another rate" if of_size else "other modes of this camera"
+    match = "in this mode" if same else "in this frame size at other rates" if of_size else "in its other modes"
     closest = same or of_size or modes
     if not closest:
         return None
@@ -222,7 +222,7 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
     values = (min(mode.least_ms for mode in closest), times[len(times) // 2], max(mode.most_ms for mode in closest))
     low, typical, high = (min(value, 1000 / rate) for value in values)
     camera, known = closest[0].camera, same and _agree(low, high)
-    about = (camera, None) if known else (f"{camera}, {match}", (low, high))
+    about = (camera, None) if known else (f"{camera} {match}", (low, high))
     return ReadoutTime.of_ms(typical, "table of cameras", *about)
 
 

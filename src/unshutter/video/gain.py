@@ -45,6 +45,7 @@ class Gain:
     """What undoing the motion changes in the examined frames."""
 
     frames: int = 0  # number of examined frames
+    short_side: int = TALL  # of the frames [px]
     # largest displacement in each frame whose motion is known, 0 if the camera stood still [px, of 1080 rows at most]
     displaced_px: list[float] = field(default_factory=list)
     reasons: Counter[Reason] = field(default_factory=Counter)  # why frames have no motion to undo, with counts
@@ -80,12 +81,14 @@ class Gain:
         before, after = map(float, np.median(self.wobble_px, axis=0))
         if change < _EVEN * displaced or (gain > sure * error and after < _PAYS * before):
             return None
-        return Reason.of(Code.NO_GAIN, before=round(before, 3), after=round(after, 3))
+        own = self.short_side / TALL  # px of the clip for each of 1080 rows
+        return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
 
     def add(self, before: FrameMotion | None, motion: FrameMotion, undo: ClipUndo) -> None:
         """Adds a frame, and the pair of frames that it forms with the previous one."""
         now = _Undone.of(motion, undo)
         self.frames += 1
+        self.short_side = min(motion.height, motion.width)
         if now.reason is not None:
             self.reasons[now.reason] += 1
         if now.reason is None or now.reason.code in AT_REST:

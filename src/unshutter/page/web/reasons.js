@@ -1,7 +1,7 @@
 // Why a photo, moment or clip is left unchanged, in English. Part of the words of the page (words.js).
 
 // Numbers as the page writes them.
-export const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
+export const percent = (share) => `${share < 1 ? Math.min(Math.round(100 * share), 99) : Math.round(100 * share)} %`; // as reasons.py
 export const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
 export const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
@@ -24,6 +24,12 @@ export const reasons = {
   "no-visible-motion": () => "no motion can be seen",
   "strength-0": () => "the strength is 0",
   unsure: ({ confidence }) => `not sure: straightening it would help with a probability of ${percent(confidence)}`,
+  "hardly-helps": () => "not sure: the motion that was found is hardly larger than its typical error",
+  "unsure-how-moved": ({ confidence }) =>
+    `you said that the camera moved, but straightening it by the likeliest motion would help with a probability of only ${percent(confidence)}`,
+  "moved-too-little": ({ px }) =>
+    `you said that the camera moved, but the motion that fits, up to ${pixels(px)}, is hardly larger than its typical error`,
+  "moved-otherwise": () => "you said how the camera moved, but no motion that fits goes that way",
   "unsure-whether-moved": ({ confidence }) => `not sure whether the camera moved (confidence ${percent(confidence)})`,
   "wide-lens": () => "not sure: a wide lens bends lines",
   "which-way": () => "its motion blur shows that the camera moved, but not which way",
@@ -33,7 +39,7 @@ export const reasons = {
   "nothing-to-see": ({ px }) => `nothing to see: at most ${px.toFixed(1)} px at any plausible readout time`,
   "no-visible-distortion": () => "this clip has no visible rolling-shutter distortion",
   "no-gain": ({ before, after }) =>
-    `undoing the motion hardly helps: wobble of ${before.toFixed(2)} px before, ${after.toFixed(2)} px after, of 1080 rows`,
+    `undoing the motion hardly helps: wobble of ${before.toFixed(2)} px before, ${after.toFixed(2)} px after`,
   "hardly-moved": () => "the camera hardly moved",
   "no-common-motion": () => "near and far move too differently for one motion of the camera",
   "only-others-moved": () => "the camera stood still; what moved in front of it is not straightened",

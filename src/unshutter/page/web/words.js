@@ -4,10 +4,9 @@ import { count, percent, pixels, reasons } from "./reasons.js";
 
 export { percent, reasons };
 
-const probability = (share) => (share < 0.01 ? "< 1 %" : share > 0.99 ? "> 99 %" : percent(share));
 const [POSSIBLE, LIKELY] = [0.1, 0.5]; // least probabilities of a motion that is called so
 export const LEAST_PX = 0.5; // less than this looks like no motion
-const spanOf = ([low, high]) => (low === high ? "" : ` (${low.toFixed(1)} to ${high.toFixed(1)} ms)`);
+const spanOf = ([low, high]) => (low === high ? "" : ` (anything from ${low.toFixed(1)} to ${high.toFixed(1)} ms)`);
 const downloads = "the downloads of your browser";
 const touch = matchMedia("(pointer: coarse)").matches;
 
@@ -158,8 +157,10 @@ export const words = {
               : "likely";
     return [px < LEAST_PX ? "" : pixels(px), chance].filter(Boolean).join(" · ");
   },
-  candidateHelp: ({ probability: share }) =>
-    "How far places would move" + (share === null ? "" : `. The probability that this helps is ${probability(share)}`),
+  candidateHelp: ({ kind, probability: share }) => {
+    const what = kind === "still" ? "the likeliest other does not help" : "this helps";
+    return "How far places would move" + (share === null ? "" : `. The chance that ${what} is ${percent(share)}`);
+  },
 
   // by hand
   byHand: "By hand",
