@@ -36,7 +36,7 @@ def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
     assert left.valid.all()
     for options in (
         {"estimator": SURE},
-        {"estimator": UNSURE, "min_confidence": MIN_CONFIDENCE / 2},
+        {"estimator": UNSURE, "min_confidence": as_stated(MIN_CONFIDENCE / 2)},
         {"motion": left.found},
     ):
         result = unshutter.rectify(photo, edges="keep", **options)
