@@ -187,6 +187,7 @@ NOT_FOLLOWED = {
     "unknown reference row": "from Python only",
     "--edges does not take": "from Python only",
     "--model does not take": "from Python only",
+    "candidates() lists all motions: leave out candidate": "from Python only",
     "unknown kind of line": "from Python and the page, which send lines themselves",
     "page/": "for programs that send requests: tests/page",
     # files and programs that are not here
