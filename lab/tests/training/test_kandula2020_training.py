@@ -13,7 +13,7 @@ nn = torch.nn
 from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
 from unshutter.errors import UsageError
 from unshutter_lab.training.config import TrainConfig, load_config, shipped_configs
-from unshutter_lab.training.kandula2020 import KandulaRecipe, LossConfig, row_map_error
+from unshutter_lab.training.kandula2020 import Kandula2020Config, KandulaRecipe, LossConfig, row_map_error
 from unshutter_lab.training.pixels import rs_positions, sample, sampled_motion
 from unshutter_lab.training.recipes import make_recipe
 from unshutter_lab.training.train import make_optimiser, rate_at, run
@@ -140,6 +140,29 @@ def test_export_is_the_network(tmp_path, more):
         np.testing.assert_allclose(theirs, ours.numpy(), atol=1e-4)
 
 
+def test_an_exported_network_may_reduce_the_pictures_that_it_is_shown(tmp_path):
+    import cv2
+    import onnxruntime
+
+    torch.manual_seed(0)
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK | {"row_layers": 0, "shown": 96}, data=DATA), CPU)
+    network = recipe.build()
+    network(torch.rand(4, 3, 64, 64))
+    network.eval()
+    picture = cv2.GaussianBlur(np.random.default_rng(0).random((96, 96, 3), np.float32), (0, 0), 4)
+    small = cv2.resize(picture, (64, 64), interpolation=cv2.INTER_LINEAR)
+    with torch.no_grad():
+        tx, rz = network(torch.from_numpy(small.transpose(2, 0, 1)[None]))[0][0].numpy()
+    recipe.export(network, tmp_path / "model.onnx")
+    session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
+    (motion,) = session.run(None, {"rs": picture.transpose(2, 0, 1)[None]})
+    at = (np.arange(96) + 0.5) * 64 / 96 - 0.5  # of its rows among those of the small one
+    np.testing.assert_allclose(motion[0, 0], np.interp(at, np.arange(64), tx) * 1.5, atol=1e-3)
+    np.testing.assert_allclose(motion[0, 1], np.interp(at, np.arange(64), rz), atol=1e-5)
+    with pytest.raises(UsageError, match="row_layers"):
+        Kandula2020Config(shown=96)
+
+
 @pytest.mark.parametrize(
     ("network", "loss", "logged"),
     [
@@ -170,7 +193,8 @@ def test_size_of_data_and_network_must_agree():
 @pytest.mark.parametrize("name", [name for name in shipped_configs() if "2" in name])
 def test_shipped_configurations_can_be_built(name):
     config = load_config(name)
-    config = replace(config, data={**config.data, "folder": "", "validation_folder": "", "drawn": 3, "held_out": 1})
+    none = {"folder": "", "validation_folder": "", "drawn": 3, "held_out": 1, "places": {}}
+    config = replace(config, data={**config.data, **none})
     recipe = make_recipe(config, CPU)
     with torch.device("meta"):
         network = recipe.build() if config.model == "kandula2020" else None

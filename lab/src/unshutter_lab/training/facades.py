@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_TEXTURE = 640  # px of a wall's texture
+TEXTURE = 640  # px of a wall's texture
 _FINER = 2  # pictures are drawn this many times larger, then reduced
 
 
@@ -31,7 +31,7 @@ def draw_facades(size: int, seed: int) -> np.ndarray:
         ground = [focal * np.array([right, 1.0]) / ahead for right, ahead in foot]
         top = [focal * np.array([right, -height]) / ahead for right, ahead in foot]
         quad = np.array([top[0], top[1], ground[1], ground[0]]) + side / 2
-        _hang(picture, _wall(dice, height / np.hypot(*(foot[1] - foot[0]))), quad)
+        _hang(picture, draw_wall(dice, height / np.hypot(*(foot[1] - foot[0]))), quad)
     _clutter(dice, picture)
     picture = cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA)
     picture += dice.uniform(0, 8) * dice.standard_normal(picture.shape)
@@ -45,21 +45,21 @@ def _sky_and_ground(dice: np.random.Generator, side: int) -> np.ndarray:
     sky = (dice.uniform(90, 230) + tint) * (1 - ramp) + (dice.uniform(140, 250) - tint / 3) * ramp
     picture = np.repeat(sky, side, axis=1).astype(np.float32)
     picture[side // 2 :] = dice.uniform(40, 160)
-    picture[side // 2 :] += 30 * _clouds(dice, side)[side // 2 :, :, None]
+    picture[side // 2 :] += 30 * clouds(dice, side)[side // 2 :, :, None]
     return picture
 
 
-def _wall(dice: np.random.Generator, aspect: float) -> np.ndarray:
-    """Returns a [_TEXTURE, _TEXTURE, 3] float32 texture of a wall whose height is ``aspect`` times its width."""
+def draw_wall(dice: np.random.Generator, aspect: float) -> np.ndarray:
+    """Returns a [TEXTURE, TEXTURE, 3] float32 texture of a wall whose height is ``aspect`` times its width."""
     colour = dice.uniform(50, 230) + dice.uniform(-35, 35, 3)
-    wall = np.full((_TEXTURE, _TEXTURE, 3), colour, np.float32)
-    wall *= 1 + dice.uniform(0, 0.25) * _clouds(dice, _TEXTURE)[..., None]
+    wall = np.full((TEXTURE, TEXTURE, 3), colour, np.float32)
+    wall *= 1 + dice.uniform(0, 0.25) * clouds(dice, TEXTURE)[..., None]
     _joints(dice, wall)
     columns = int(dice.integers(2, 9))
     floors = max(1, round(columns * aspect * dice.uniform(0.6, 1.2)))
     _windows(dice, wall, min(floors, 12), columns)
     for _ in range(dice.integers(0, 4)):  # cornices
-        row = int(dice.uniform(0, 0.95) * _TEXTURE)
+        row = int(dice.uniform(0, 0.95) * TEXTURE)
         wall[row : row + int(dice.integers(3, 14))] *= dice.uniform(0.6, 1.4)
     return wall
 
@@ -72,16 +72,16 @@ def _joints(dice: np.random.Generator, wall: np.ndarray) -> None:
     stone = int(course * dice.uniform(1.5, 4))
     offset = stone // 2 if dice.random() < 0.7 else 0
     shade, thick = dice.uniform(0.7, 1.2), int(dice.integers(1, 3))
-    for number, row in enumerate(range(0, _TEXTURE, course)):
+    for number, row in enumerate(range(0, TEXTURE, course)):
         wall[row : row + thick] *= shade
-        for col in range((number % 2) * offset, _TEXTURE, stone):
+        for col in range((number % 2) * offset, TEXTURE, stone):
             wall[row : row + course, col : col + thick] *= shade
             wall[row : row + course, col : col + stone] *= dice.uniform(0.93, 1.07)
 
 
 def _windows(dice: np.random.Generator, wall: np.ndarray, floors: int, columns: int) -> None:
     """Draws a grid of windows with frames and cross-bars; occasionally one is missing or lit."""
-    wide, high = _TEXTURE // columns, _TEXTURE // floors
+    wide, high = TEXTURE // columns, TEXTURE // floors
     gap_col, gap_row = int(wide * dice.uniform(0.12, 0.35)), int(high * dice.uniform(0.12, 0.35))
     glass = dice.uniform(20, 110) + dice.uniform(-15, 15, 3)
     frame = dice.uniform(60, 230) + dice.uniform(-25, 25, 3)
@@ -105,7 +105,7 @@ def _hang(picture: np.ndarray, texture: np.ndarray, quad: np.ndarray) -> None:
     """Draws a texture into the quadrilateral [4, 2] (top left, top right, bottom right, bottom left)."""
     import cv2
 
-    last = _TEXTURE - 1
+    last = TEXTURE - 1
     corners = np.array([[0, 0], [last, 0], [last, last], [0, last]], np.float32)
     matrix = cv2.getPerspectiveTransform(corners, quad.astype(np.float32))
     size = picture.shape[1], picture.shape[0]
@@ -132,7 +132,7 @@ def _clutter(dice: np.random.Generator, picture: np.ndarray) -> None:
         cv2.ellipse(picture, middle, axes, dice.uniform(0, 180), 0, 360, green, -1, cv2.LINE_AA)
 
 
-def _clouds(dice: np.random.Generator, side: int) -> np.ndarray:
+def clouds(dice: np.random.Generator, side: int) -> np.ndarray:
     """Returns [side, side] smooth noise of about -1 ... 1."""
     import cv2
 

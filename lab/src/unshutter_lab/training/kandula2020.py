@@ -107,6 +107,9 @@ class Kandula2020Config:
     kept: int = 0  # first convolutions that, like the row block then, keep the weights with which a run starts (ours)
     # in inference, a picture is looked at this often, each time as rectified so far; small motions are added (ours)
     looks: int = 1
+    shown: int = (
+        0  # side of the pictures that an exported network without row block reduces to ``size``; 0: none (ours)
+    )
     mirror_average: bool = False  # in inference, the outputs for a picture and its mirror image are averaged (ours)
 
     def __post_init__(self) -> None:
@@ -114,6 +117,8 @@ class Kandula2020Config:
             raise UsageError(f"[network]: size must be a multiple of 64, got {self.size}")
         if self.first_stride not in (1, 2):
             raise UsageError("[network]: first_stride must be 1 or 2")
+        if self.shown and self.row_layers:
+            raise UsageError("[network]: shown needs row_layers = 0")
         if self.row_layers and self.row_layers < 2:
             raise UsageError("[network]: row_layers must be 0 (exact inverse) or at least 2")
 
@@ -373,8 +378,12 @@ class KandulaRecipe(PixelRecipe):
         The row map is omitted if it was not trained.
         """
         rows = self.network_config.row_layers > 0 and not self.weights.regress_only
-        rs = torch.rand(1, 3, self.network_config.size, self.network_config.size)
-        export_onnx(Exported(network, rows).eval().cpu(), rs, path, ["motion", "row_map"] if rows else ["motion"])
+        exported: nn.Module = Exported(network, rows)
+        config = self.network_config
+        if config.shown:
+            exported = Reducing(exported, config.size, config.shown)
+        rs = torch.rand(1, 3, config.shown or config.size, config.shown or config.size)
+        export_onnx(exported.eval().cpu(), rs, path, ["motion", "row_map"] if rows else ["motion"])
 
 
 class Exported(nn.Module):
@@ -388,6 +397,20 @@ class Exported(nn.Module):
         """Returns motion [B, 2, r] and row map [B, r, r], if there is one."""
         motion, row_map = self.network(rs, rows=self.rows)
         return (motion,) if row_map is None else (motion, row_map)
+
+
+class Reducing(nn.Module):
+    """Shows a network smaller pictures than it is given, and enlarges its answer."""
+
+    def __init__(self, network: nn.Module, size: int, shown: int):
+        super().__init__()
+        self.network, self.size, self.shown = network, size, shown
+
+    def forward(self, rs: Tensor) -> tuple[Tensor, ...]:
+        """Returns motion [B, 2, shown]: t_x [px of the picture given] and r_z [rad]."""
+        motion = self.network(F.interpolate(rs, size=(self.size, self.size), mode="bilinear"))[0]
+        unit = torch.tensor([[self.shown / self.size], [1.0]])
+        return (F.interpolate(motion, size=self.shown, mode="linear") * unit,)
 
 
 def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:

@@ -29,6 +29,7 @@ from unshutter_lab.methods.row_map import gs_to_rs_by_row_map
 from unshutter_lab.training.config import from_table
 from unshutter_lab.training.facades import draw_facades
 from unshutter_lab.training.motions import MotionConfig, draw_kind, draw_mixture
+from unshutter_lab.training.places import PlacesConfig, PlaceViews
 from unshutter_lab.training.variation import Light, LightConfig, ViewConfig, draw_views, move
 
 
@@ -199,6 +200,7 @@ class PixelConfig:
     views: dict[str, Any] = field(default_factory=dict)  # other cameras: fields of ViewConfig
     light: dict[str, Any] = field(default_factory=dict)  # other light: fields of LightConfig
     motions: dict[str, Any] = field(default_factory=dict)  # kinds of motion: fields of MotionConfig
+    places: dict[str, Any] = field(default_factory=dict)  # views of places among the samples: fields of PlacesConfig
 
 
 @dataclass(frozen=True)
@@ -238,6 +240,10 @@ class Samples:
         return tx[..., 0], rz[..., 0]
 
 
+def _together(parts: list[Samples]) -> Samples:
+    return Samples(*(torch.cat([getattr(part, f.name) for part in parts]) for f in fields(Samples)))
+
+
 class PixelData:
     """Pictures held on a device, and the samples made from them."""
 
@@ -248,6 +254,7 @@ class PixelData:
         self.views = from_table(ViewConfig, config.views, "[data.views]")
         self.light = from_table(LightConfig, config.light, "[data.light]")
         self.motions = from_table(MotionConfig, config.motions, "[data.motions]")
+        self.places = PlaceViews(from_table(PlacesConfig, config.places, "[data.places]")) if config.places else None
         pictures, held_out = _training_and_held_out(config)
         drawn = _drawn(config, _DRAWN_SEED) if config.drawn_share else []
         self.photos, self.held_out, self.drawn = (
@@ -258,17 +265,33 @@ class PixelData:
         self, count: int, generator: torch.Generator, first_photos: int | None = None, *, with_gs: bool = True
     ) -> Samples:
         """Returns new training samples, from all photos or only the first ones; the undistorted pictures if needed."""
-        canvas = self._windows(count, generator, first_photos)
-        motions = draw_mixture(count, generator, self.motions)
-        size = self.config.size
-        views = draw_views(self.views, generator, count, size, self.config.canvas) if self.views.share else None
-        samples = synthesise(canvas, *motions, size, views, with_gs=with_gs)
+        of_places = sum(numbers := self.places.share_of(count, generator)) if self.places else 0
+        parts = []
+        if of_places < count:
+            parts.append(self._of_photos(count - of_places, generator, first_photos, with_gs=with_gs))
+        if self.places and of_places:
+            drawn = [False] * numbers[0] + [True] * numbers[1]
+            parts.append(self._of_places(self.places, drawn, generator, with_gs=with_gs))
+        samples = parts[0] if len(parts) == 1 else _together(parts)
         if not self.light.share:
             return samples
         light = Light(self.light, generator, count)
         gs = light.on_scene(samples.gs) if with_gs else samples.gs
         rs = light.through_camera(light.on_scene(samples.rs)) * samples.rs_valid
         return replace(samples, rs=rs, gs=gs)
+
+    def _of_photos(self, count: int, generator: torch.Generator, first_photos: int | None, *, with_gs: bool) -> Samples:
+        canvas = self._windows(count, generator, first_photos)
+        motions = draw_mixture(count, generator, self.motions)
+        size = self.config.size
+        views = draw_views(self.views, generator, count, size, self.config.canvas) if self.views.share else None
+        return synthesise(canvas, *motions, size, views, with_gs=with_gs)
+
+    def _of_places(
+        self, places: PlaceViews, drawn: list[bool], generator: torch.Generator, *, with_gs: bool
+    ) -> Samples:
+        rs, gs, tx, rz = places.pictures(drawn, self.config.size, generator, self.motions, with_gs=with_gs)
+        return Samples(rs, gs if with_gs else rs[:, :0], torch.ones_like(rs[:, :1]), tx, rz)
 
     def validation(self, kind: str = "quadratic") -> Iterator[Samples]:
         """Yields samples of held-out photos, central window, the same at each call."""

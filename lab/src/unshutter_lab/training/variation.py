@@ -24,6 +24,12 @@ _BLOCK = 8  # of JPEG [px]
 _LUMA = torch.tensor([0.299, 0.587, 0.114])
 
 
+def check_shares(table: str, *shares: float) -> None:
+    """Raises UsageError if a share of a configuration's table is not one."""
+    if not all(0 <= share <= 1 for share in shares):
+        raise UsageError(f"{table}: shares must lie between 0 and 1")
+
+
 @dataclass(frozen=True)
 class LightConfig:
     """Variation of light and cameras. A spread is a standard deviation of the logarithm."""
@@ -41,8 +47,7 @@ class LightConfig:
     quantum: float = 0.25  # largest step of JPEG's coefficients, of white = 1
 
     def __post_init__(self) -> None:
-        if not all(0 <= s <= 1 for s in (self.share, self.grey, self.blurred, self.noisy, self.compressed)):
-            raise UsageError("[data.light]: shares must lie between 0 and 1")
+        check_shares("[data.light]", self.share, self.grey, self.blurred, self.noisy, self.compressed)
 
 
 class Light:
@@ -138,8 +143,7 @@ class ViewConfig:
     zoom: float = 1.35  # pictures are magnified by 1 ... this, log-uniform
 
     def __post_init__(self) -> None:
-        if not all(0 <= share <= 1 for share in (self.share, self.askew, self.looking_up)):
-            raise UsageError("[data.views]: shares must lie between 0 and 1")
+        check_shares("[data.views]", self.share, self.askew, self.looking_up)
         if self.zoom < 1:
             raise UsageError(f"[data.views]: 'zoom' must be at least 1, got {self.zoom}")
 

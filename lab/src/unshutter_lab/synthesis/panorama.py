@@ -1,0 +1,224 @@
+"""Places: cube maps of real surroundings, and what a camera sees in them, each of its rows at an attitude of its own.
+
+A camera that only turns sees nothing but directions, so its pictures are exact: every row of a rolling shutter looks
+its own way, and no pixel is missing at the borders.
+
+Axes of a place, and of a camera at yaw, tilt and roll 0: x to the right, y down, z ahead; the horizon is level. The six
+faces of a cube map are square pictures of 90 degrees: posz ahead, posx to the right, negz behind, negx to the left,
+posy above (its lower edge adjoins posz), negy below (its upper edge does).
+
+A row matrix maps the direction (col, row, f) / f in which a pixel of that row is seen, in coordinates about the centre,
+to the direction of the same point for the reference camera, which takes the global-shutter picture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.rotations import rotation_matrix
+from unshutter.motion.shapes import Float, Float64, UInt8
+
+FACES = ("posx", "negx", "posy", "negy", "posz", "negz")
+_SHIPPED = Path(__file__).parents[1] / "places"
+_LEAST_FINE = 0.75  # pixels of a face for one of the picture, in the middle of both
+_LEAST_SIDE = 32  # of the faces that are halved for pictures of a few pixels
+_BORDER = 1  # px of its neighbours around every face, so that nothing is seen of the seams
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The size of a picture, and the attitude of the camera that takes it."""
+
+    height: int
+    width: int
+    focal_px: float
+    yaw: float = 0.0  # all three in degrees; to the right,
+    tilt: float = 0.0  # up,
+    roll: float = 0.0  # clockwise, as seen by the person who holds the camera
+
+    @classmethod
+    def of_view(cls, height: int, width: int, view_deg: float, **attitude: float) -> Camera:
+        """Creates a camera whose longer side shows so many degrees."""
+        return cls(height, width, max(height, width) / 2 / math.tan(math.radians(view_deg) / 2), **attitude)
+
+    def attitude(self) -> Float64[np.ndarray, "3 3"]:
+        """Returns the rotation from the camera's axes to those of the place.
+
+        The camera rolls about its own axis, then tilts, then turns about the vertical: without roll, the verticals of
+        the place remain upright in the middle of the picture, whatever yaw and tilt are.
+        """
+        yaw, tilt, roll = np.radians([self.yaw, self.tilt, self.roll])
+        about_y, about_x, about_z = rotation_matrix(np.array([[0, yaw, 0], [tilt, 0, 0], [0, 0, roll]]))
+        return about_y @ about_x @ about_z
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The faces of a place at one size, one above the other, with borders."""
+
+    side: int
+    atlas: np.ndarray
+
+
+class Place:
+    """A cube map, ready to be looked at."""
+
+    def __init__(self, faces: Mapping[str, UInt8[np.ndarray, "n n 3"]]):
+        missing = [name for name in FACES if name not in faces]
+        if missing:
+            raise UnshutterError(f"a place needs six faces; missing are {', '.join(missing)}")
+        shapes = {faces[name].shape for name in FACES}
+        side = faces[FACES[0]].shape[0]
+        if shapes != {(side, side, 3)}:
+            raise UnshutterError(f"the faces of a place must be square, of one size and in colour, got {shapes}")
+        self._levels = _levels([faces[name] for name in FACES])
+
+    @classmethod
+    def load(cls, folder: Path) -> Place:
+        """Reads the six faces in a folder, as RGB: posx.jpg and so on, or PNG."""
+        import cv2
+
+        faces = {}
+        for name in FACES:
+            file = next((path for path in sorted(folder.glob(f"{name}.*"))), None)
+            pixels = None if file is None else cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_COLOR)
+            if pixels is None:
+                raise UnshutterError(f"{folder} holds no place: {name} is missing or cannot be read")
+            faces[name] = np.ascontiguousarray(pixels[..., ::-1])
+        return cls(faces)
+
+    def seen(
+        self, camera: Camera, rows: Float[np.ndarray, "height 3 3"] | None = None
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """Returns the picture that the camera takes, RGB.
+
+        Args:
+            camera: the camera at the moment of the reference row.
+            rows: the row matrices of a motion; None for a camera that stands still.
+        """
+        import cv2
+
+        matrices = np.broadcast_to(np.eye(3), (camera.height, 3, 3)) if rows is None else rows
+        directions = _directions(camera.attitude() @ matrices, camera)
+        # the smallest faces that are nearly as fine as the picture, since larger ones would be sampled too coarsely
+        fine = (level for level in self._levels if level.side / 2 >= _LEAST_FINE * camera.focal_px)
+        level = min(fine, key=lambda level: level.side, default=self._levels[0])
+        col, row = face_positions(*directions, level.side)
+        return cv2.remap(level.atlas, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def shipped_places() -> dict[str, Path]:
+    """Returns the places of the benchmark, which come with the laboratory, by name."""
+    return {path.parent.name: path.parent for path in sorted(_SHIPPED.glob("*/posx.jpg"))}
+
+
+def row_matrices(motion: Motion, focal_px: float) -> Float64[np.ndarray, "height 3 3"]:
+    """Returns the row matrices of a motion, relative to its own reference row.
+
+    They are rotations, or what the paper's motion (Eq. 1) does to directions.
+    """
+    if isinstance(motion, RotationMotion) and motion.lens is None:
+        return rotation_matrix(motion.rotations).transpose(0, 2, 1)
+    if not isinstance(motion, RowMotion):
+        raise UnshutterError(f"a place cannot be seen under a motion of the kind {type(motion).__name__}")
+    return paper_matrices(motion.tx_px, motion.rz_rad, focal_px, motion.center_shift_px)
+
+
+def paper_matrices(
+    tx_px: Float[np.ndarray, "rows"], rz_rad: Float[np.ndarray, "rows"], focal_px: float, shift_px: float = 0.0
+) -> Float64[np.ndarray, "rows 3 3"]:
+    """Returns the row matrices of t_x [px] and r_z [rad], about a centre shifted by so many columns."""
+    cosine, sine = np.cos(rz_rad), np.sin(rz_rad)
+    moved, shift = (np.asarray(tx_px) + shift_px) / focal_px, shift_px / focal_px
+    zero, one = np.zeros_like(cosine), np.ones_like(cosine)
+    rows = (
+        (cosine, sine, shift - moved * cosine),
+        (-sine, cosine, moved * sine),
+        (zero, zero, one),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def _directions(matrices: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns x, y, z of the directions [h, w] in which a camera's pixels look, for matrices [h, 3, 3]; float32."""
+    across = ((np.arange(camera.width) - (camera.width - 1) / 2) / camera.focal_px).astype(np.float32)
+    down = (np.arange(camera.height) - (camera.height - 1) / 2) / camera.focal_px
+    slope = matrices[:, :, 0].astype(np.float32)
+    start = (matrices[:, :, 1] * down[:, None] + matrices[:, :, 2]).astype(np.float32)
+    x, y, z = (slope[:, k, None] * across + start[:, k, None] for k in range(3))
+    return x, y, z
+
+
+def face_positions(
+    x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], z: Float[np.ndarray, "h w"], side: int
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    """Returns (col, row) in the atlas, the column of all faces with their borders, of directions of any length."""
+    size_x, size_y, size_z = np.abs(x), np.abs(y), np.abs(z)
+    sideways = (size_x >= size_y) & (size_x >= size_z)
+    upright = ~sideways & (size_y >= size_z)
+    largest = np.where(sideways, x, np.where(upright, y, z))
+    scale = (side / 2) / np.abs(largest)
+    sign = np.sign(largest)
+    across = np.where(sideways, -z * sign, np.where(upright, x, x * sign))
+    down = np.where(upright, -z * sign, y)
+    # y points down: the face above, posy, is the one in the direction of -y
+    face = np.where(sideways, 0.5 - 0.5 * sign, np.where(upright, 2.5 + 0.5 * sign, 4.5 - 0.5 * sign))
+    middle = (side - 1) / 2 + _BORDER
+    col = across * scale + middle
+    row = down * scale + (middle + face * (side + 2 * _BORDER))
+    return col.astype(np.float32), row.astype(np.float32)
+
+
+# (across, down, ahead) of every face as columns in the axes of the place
+_FACE_AXES = {
+    "posx": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "negx": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    "posy": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "negy": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "posz": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "negz": ((-1, 0, 0), (0, 1, 0), (0, 0, -1)),
+}
+
+
+def face_directions(name: str, side: int, border: int = 0) -> Float64[np.ndarray, "n n 3"]:
+    """Returns the directions [n, n, 3] of a face's pixels, and of so many beyond its edges."""
+    line = (np.arange(-border, side + border) + 0.5) * (2 / side) - 1
+    across, down, ahead = np.array(_FACE_AXES[name], float)
+    return line[None, :, None] * across + line[:, None, None] * down + ahead
+
+
+def _levels(faces: list[np.ndarray]) -> list[_Level]:
+    """Returns the faces at their own size, and halved again and again."""
+    import cv2
+
+    levels = [_Level(len(faces[0]), _with_borders(faces))]
+    while levels[-1].side % 2 == 0 and levels[-1].side > _LEAST_SIDE:
+        side = levels[-1].side // 2
+        faces = [cv2.resize(face, (side, side), interpolation=cv2.INTER_AREA) for face in faces]
+        levels.append(_Level(side, _with_borders(faces)))
+    return levels
+
+
+def _with_borders(faces: list[np.ndarray]) -> np.ndarray:
+    """Returns the atlas: faces one above the other, each with a border that shows what its neighbours do."""
+    import cv2
+
+    side = len(faces[0])
+    edges = [(_BORDER, _BORDER)] * 2
+    atlas = np.concatenate([np.pad(face, [*edges, (0, 0)], mode="edge") for face in faces])
+    whole = side + 2 * _BORDER
+    filled = atlas.copy()
+    for number, name in enumerate(FACES):
+        directions = face_directions(name, side, _BORDER).astype(np.float32)
+        col, row = face_positions(directions[..., 0], directions[..., 1], directions[..., 2], side)
+        seen = cv2.remap(atlas, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        seen[_BORDER:-_BORDER, _BORDER:-_BORDER] = faces[number]
+        filled[number * whole : (number + 1) * whole] = seen
+    return filled
