@@ -28,7 +28,7 @@ PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 # said at the start, where nobody asked for some of the tests only
 SAY_HOW_LONG = $(if $(filter file,$(origin TESTS)),@echo "$(1) on two free cores; TESTS=tests/frames runs some of them")
 
-.PHONY: demo paper test test-all test-newest test-lowest fuzz lint prose types docs layers script bench results release-check clean dev dev-newest dev-lowest
+.PHONY: demo paper test test-all test-newest test-lowest fuzz lint prose types docs layers script bench benchmark results release-check clean dev dev-newest dev-lowest
 
 demo: $(NEWEST)/core  ## rectify the photo that the repository ships, with what users get from pip
 	$(NEWEST)/bin/unshutter rectify src/unshutter/page/web/sample.jpg -o examples/demo.rectified.jpg --overwrite
@@ -82,6 +82,10 @@ script:  ## lint, format and types of the page's script; needs npm, of which not
 bench: $(ENV)/dev
 	$(BIN)/python benchmarks/bench_rectify.py
 	$(BIN)/python benchmarks/bench_estimators.py
+
+METHODS ?= none,segment-manhattan
+benchmark: $(ENV)/dev  ## measures methods on sixteen places, without other data, and writes docs/results/places.md: make benchmark METHODS=all
+	$(BIN)/python lab/benchmarks/places.py --estimators $(METHODS)
 
 results: $(ENV)/dev  ## measures all methods (within an hour) and writes docs/results: make results DATA=../shared/data
 	$(BIN)/python lab/benchmarks/results.py $(DATA)

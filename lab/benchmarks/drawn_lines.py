@@ -29,8 +29,9 @@ from unshutter.single.methods import chosen, find_candidates
 from unshutter.single.prior import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.single.register import load
 from unshutter.single.search import descend
+from unshutter_lab.evaluation.exam import Exam
 from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.evaluation.synthetic import Exam, Suite, SyntheticCase
+from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
 
 _DRAWS = 2  # motions of each photo
 _OFF_PX = 0.5  # standard deviation of each end of a drawn line

@@ -31,7 +31,7 @@ READINGS = "readings.toml"  # by hand, too: the line at the top of each page
 KEPT = [READING, "paper-networks.md"]  # the latter is paper_networks.py's
 # what ``unshutter models`` prints: file of a package -> whether it is the lab's
 SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
-_ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
+_ORDER = ("places", "synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
 BACK = "[All results](index.md)"
 ABOUT = (
@@ -113,6 +113,12 @@ def _scores(results: Results, of_lab: bool) -> str:
             figures = (round(float(np.median(error)), 2), round(float(np.mean(error < nothing)), 4))
             scores.setdefault(name, {})[group] = dict(zip(("epe_median", "improved"), figures, strict=True))
     return json.dumps(scores, indent=1) + "\n"
+
+
+def write_places(results: Results, docs: Path) -> None:
+    """Writes the page of the benchmark that needs no data but what comes with the laboratory, and its CSV."""
+    short = tomllib.loads((docs / READINGS).read_text()) if (docs / READINGS).exists() else {}
+    (docs / "places.md").write_text(_with_reading(_page("places", results, docs), short.get("places")))
 
 
 def _page(name: str, results: Results, docs: Path) -> str:

@@ -27,6 +27,7 @@ REAL = ["real/bsrsc", "real/fastec", "real/carla"]
 OURS = {"--estimators": "none,segment-manhattan,manhattan"}  # the methods that use what photos say beside their pixels
 # name of the run -> (protocol, folders of DATA, options)
 RUNS = {
+    "places": ("places", [], {"--per-photo": 4}),
     "synthetic": ("synthetic", [*TEST, "val"], {"--photos": 40, "--per-photo": 2}),
     "native": ("native", [*TEST, "val"], {"--photos": 25, "--per-photo": 1}),
     "trajectory": ("trajectory", [*TEST, "val"], {"--photos": 15, "--per-photo": 1}),
@@ -82,7 +83,8 @@ def _check(data: Path | None) -> None:
 def _commands(data: Path, most: int | None) -> Iterator[tuple[str, list[str]]]:
     """(name, words of ``unshutter``) of each run."""
     for name, (protocol, folders, options) in RUNS.items():
-        words = ["evaluate", "--protocol", protocol, "--data", *(str(data / folder) for folder in folders)]
+        words = ["evaluate", "--protocol", protocol]
+        words += ["--data", *(str(data / folder) for folder in folders)] if folders else []
         if protocol in ("trajectory", "sequences"):
             words += ["--trajectory", str(data / "trajectories")]
         for option, value in options.items():

@@ -50,17 +50,17 @@ CALIBRATE = Command(
 
 
 _Photos = Literal["synthetic", "native", "trajectory", "undistorted", "portrait", "exposure", "attitude", "robustness"]
-ProtocolName = Literal[_Photos, "pairs", "video", "sequences"]
+ProtocolName = Literal["places", _Photos, "pairs", "video", "sequences"]
 
 
 @dataclass(frozen=True)
 class EvaluateArguments:
     """Arguments of the command."""
 
-    data: list[Path] = option(
-        MISSING,
-        "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png); each is a group in the "
-        "tables.",
+    data: list[Path] | None = option(
+        None,
+        "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png; for places: of cube maps); "
+        "each is a group in the tables. The protocol places brings its own.",
         names="input",
     )
     estimators: str = option("all", "Names separated by commas, or all. Default: all.", names="word")
@@ -84,19 +84,35 @@ class EvaluateArguments:
         "For pairs of consecutive frames: readout time / frame interval, one number for each folder. Then also finds "
         "motion from neighbours.",
     )
+    answers: list[Path] | None = option(
+        None,
+        "Folders of motion files named like the pictures (PICTURE.json), each the answers of a method of yours.",
+        names="input",
+    )
+    pictures: Path | None = option(
+        None,
+        "Write the pictures that methods see to this new folder, for programs that cannot be called from here, and "
+        "measure nothing.",
+        names="results",
+    )
     jobs: int | None = option(None, "Number of processes. Default: one per processor.")
     overwrite: bool = option(False, "Delete an earlier run with other settings from the folder.")
 
 
 def run_evaluate(arguments: EvaluateArguments) -> int:
     """Runs the evaluation; returns the exit code."""
-    from unshutter_lab.evaluation.protocols import Request
+    from unshutter_lab.evaluation.answers import write_pictures
+    from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
     from unshutter_lab.evaluation.run import evaluate
 
     given = dict(vars(arguments))
-    how = {name: given.pop(name) for name in ("estimators", "output", "jobs", "overwrite")}
-    given |= {"data": tuple(arguments.data), "readout_ratio": tuple(arguments.readout_ratio or ())}
-    unusable = evaluate(Request(**given), **how)
+    how = {name: given.pop(name) for name in ("estimators", "output", "jobs", "overwrite", "answers", "pictures")}
+    given |= {"data": tuple(arguments.data or ()), "readout_ratio": tuple(arguments.readout_ratio or ())}
+    request = Request(**given)
+    if (folder := how.pop("pictures")) is not None:
+        print(f"pictures: {write_pictures(PROTOCOLS[request.protocol].cases(request), folder)} in {folder}")
+        return 0
+    unusable = evaluate(request, **{**how, "answers": tuple(arguments.answers or ())})
     print(f"results: {arguments.output / 'results.md'}, with its plots and pictures; every figure: results.csv")
     return 1 if unusable else 0
 

@@ -8,15 +8,17 @@ it well: the camera is fitted to the photo's line segments, with its motion fixe
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.motion.verdict import Verdict
 from unshutter.options import Reference, Undo
@@ -60,6 +62,15 @@ class Case(Trial):
     @abstractmethod
     def place(self) -> Record:
         """The case in the tables: ``suite``, ``group``, ``photo`` and ``draw``."""
+
+    @property
+    def file(self) -> Path:
+        """The name of its picture, where pictures are written and where answers to them are looked up."""
+        return Path(re.sub(r"[^\w.=-]+", "_", self.key) + ".png")
+
+    def view(self) -> View:
+        """Returns what methods that see one photo are given."""
+        raise UsageError("the pictures of this protocol are not made here: answer those in its folders")
 
     @abstractmethod
     def show(self, names: list[str], loaded: Loaded) -> Example:

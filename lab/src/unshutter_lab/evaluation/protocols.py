@@ -11,7 +11,9 @@ from unshutter.options import Clock
 from unshutter_lab.evaluation.case import Case
 from unshutter_lab.evaluation.clip_cases import RATIOS, SequenceCase, VideoCase
 from unshutter_lab.evaluation.pair_cases import PairCase, logs_in, pairs_in, photos_in, videos_in
+from unshutter_lab.evaluation.place_cases import place_cases
 from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
+from unshutter_lab.synthesis.panorama import places_in, shipped_places
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class Request:
     """The request for an evaluation. Together with the code, it determines every figure."""
 
     protocol: str  # one of PROTOCOLS
-    data: tuple[Path, ...]  # folders; each is a group in the tables
+    data: tuple[Path, ...]  # folders; each is a group in the tables. None: the places that come with the laboratory
     photos: int | None = None  # maximum number of photos per folder, chosen by the seed; None for all
     per_photo: int = 2  # motions per photo
     seed: int = 0  # 0 or more
@@ -32,6 +34,8 @@ class Request:
             raise UsageError(f"unknown protocol '{self.protocol}': choose one of {', '.join(PROTOCOLS)}")
         if self.per_photo < 1 or self.seed < 0 or (self.photos is not None and self.photos < 1):
             raise UsageError("needs at least one photo of each folder, one motion for each, and a seed of 0 or more")
+        if not self.data and self.protocol != "places":
+            raise UsageError("needs --data: folders of pictures; only the protocol places brings its own")
         if self.readout_ratio and (self.protocol != "pairs" or len(self.readout_ratio) != len(self.data)):
             raise UsageError("--readout-ratio is for the protocol pairs, and takes one number for each folder")
         for ratio in self.readout_ratio:
@@ -43,7 +47,7 @@ class Protocol:
     """An evaluation protocol."""
 
     title: str  # title of its page
-    kind: str  # set of columns of its tables (tables.py): motion, still, pairs, video or sequences
+    kind: str  # set of columns of its tables (tables.py): places, motion, still, pairs, video or sequences
     description: str  # what is measured, in a sentence or two
     cases: Callable[[Request], list[Case]]  # creates the cases for a request
     by_group: bool = True  # whether tables list folders separately (otherwise folders are pooled and suites listed)
@@ -100,6 +104,16 @@ def _sequences(request: Request) -> list[Case]:
     ]
 
 
+def _places(request: Request) -> list[Case]:
+    groups = {name: places_in(folder) for name, folder in _groups(request).items()}
+    groups = groups or {"places": list(shipped_places().values())}
+    return [
+        case
+        for group, folders in groups.items()
+        for case in place_cases(group, folders[: request.photos], request.per_photo, request.seed)
+    ]
+
+
 def _groups(request: Request) -> dict[str, Path]:
     """Returns name in the tables -> folder."""
     groups = {folder.resolve().name: folder for folder in request.data}
@@ -109,6 +123,17 @@ def _groups(request: Request) -> dict[str, Path]:
 
 
 PROTOCOLS = {
+    "places": Protocol(
+        "Places: photos, pairs and clips with exactly known motion",
+        "places",
+        "Views of real places in all directions (cube maps), as people hold cameras: 45 to 75 degrees across, at times "
+        "looking up at towers, every fourth upright. Each row has its own attitude, so the truth is exact for all "
+        "three rotations. Still cameras; drawn hands at readouts of 20, 50 and 100 ms; pans of 20 to 60 degrees a "
+        "second; the paper's quadratics; a hand with each row exposed for 1/60 s; pairs and clips of 16 frames at 30 a "
+        "second, with a readout of 0.6 frames, of which methods that see one photo get the middle frame.",
+        _places,
+        by_group=False,
+    ),
     "synthetic": Protocol(
         "Synthetic motions, 256 px",
         "motion",

@@ -26,6 +26,7 @@ from unshutter.motion import Motion
 from unshutter.storage.files import add_text
 from unshutter.storage.locations import write_place
 from unshutter.version import __version__
+from unshutter_lab.evaluation.answers import PREFIX
 from unshutter_lab.evaluation.case import Case, Example, Record
 from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
 
@@ -156,12 +157,16 @@ class Results:
     def command(self) -> str:
         """The command that reproduces these figures."""
         r = self.request
-        words = ["unshutter evaluate --protocol", r.protocol, "--data", *(str(folder) for folder in r.data)]
+        words = ["unshutter evaluate --protocol", r.protocol]
+        words += ["--data", *(str(folder) for folder in r.data)] if r.data else []
         words += ["--trajectory", str(r.trajectory)] if r.trajectory else []
         words += ["--photos", str(r.photos)] if r.photos else []
-        words += ["--per-photo", str(r.per_photo)] if PROTOCOLS[r.protocol].kind == "motion" else []
+        words += ["--per-photo", str(r.per_photo)] if PROTOCOLS[r.protocol].kind in ("motion", "places") else []
         words += ["--readout-ratio", *(f"{ratio:g}" for ratio in r.readout_ratio)] if r.readout_ratio else []
-        return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
+        answers = [name.removeprefix(PREFIX) for name in self.estimators if name.startswith(PREFIX)]
+        words += ["--answers", *answers] if answers else []
+        loaded = [name for name in self.estimators if not name.startswith(PREFIX)]
+        return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(loaded)])
 
     def with_examples(self, examples: list[Example]) -> Results:
         """Returns these results with the curves of some pictures added."""

@@ -21,6 +21,7 @@ from unshutter.single import register
 from unshutter.single.estimator import Estimator
 from unshutter.storage.files import written_whole
 from unshutter.storage.locations import RunFiles
+from unshutter_lab.evaluation.answers import PREFIX, FolderAnswers, answers_in
 from unshutter_lab.evaluation.case import Example, Record, Trial
 from unshutter_lab.evaluation.pair_cases import logs_in, pictures_in
 from unshutter_lab.evaluation.plots import check_matplotlib, draw_plots, write_sheet
@@ -35,7 +36,14 @@ AnyTrial = TypeVar("AnyTrial", bound=Trial)
 _Task = tuple[AnyTrial, list[str]]
 
 
-def evaluate(request: Request, estimators: str, output: Path, jobs: int | None = None, overwrite: bool = False) -> int:
+def evaluate(
+    request: Request,
+    estimators: str,
+    output: Path,
+    jobs: int | None = None,
+    overwrite: bool = False,
+    answers: Sequence[Path] = (),
+) -> int:
     """Measures estimators and writes results.md, results.json, results.csv, plots and contact sheets.
 
     Args:
@@ -44,6 +52,7 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
         output: output folder; an interrupted run in it is resumed.
         jobs: number of processes; by default one per processor. The figures do not depend on it.
         overwrite: whether a run in the folder with other settings or code may be discarded.
+        answers: folders of motion files, each a method's answers (answers.py).
 
     Returns:
         The number of pictures that could not be used.
@@ -54,7 +63,8 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     cases = PROTOCOLS[request.protocol].cases(request)
     for name in names:
         register.load(name)  # reports a missing extra before the work
-    _check_output(output, request, names)
+    _check_output(output, request, names, answers)
+    names = list(dict.fromkeys([*names, *answers_in(answers, cases)]))
     store = Store(output, json.loads(json.dumps(asdict(request), default=str)), overwrite)
     measured = measure(cases, names, store, jobs)
     oracles = list(dict.fromkeys(oracle for case in cases for oracle in case.oracles))
@@ -66,10 +76,11 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     return len(cases) - len(measured)
 
 
-def _check_output(folder: Path, request: Request, names: list[str]) -> None:
+def _check_output(folder: Path, request: Request, names: list[str], answers: Sequence[Path]) -> None:
     """Raises UnshutterError if the output folder contains files that the run reads."""
     logs = logs_in(request.trajectory) if request.trajectory is not None else ()
-    read = [*chain.from_iterable(map(pictures_in, request.data)), *logs, *map(register.weights_file, names)]
+    given = chain.from_iterable(folder.glob("*.json") for folder in answers)
+    read = [*given, *chain.from_iterable(map(pictures_in, request.data)), *logs, *map(register.weights_file, names)]
     RunFiles(reads=read).check_all_in(folder)
 
 
@@ -139,6 +150,8 @@ def _judge(case: Trial, names: list[str]) -> list[Record] | str:
 @cache
 def _loaded(name: str) -> Estimator:
     """Returns the estimator with that name, loaded once per process."""
+    if name.startswith(PREFIX):
+        return FolderAnswers(Path(name.removeprefix(PREFIX)))
     return register.load(name)
 
 
@@ -174,7 +187,7 @@ def _counts(results: Results) -> str:
     """Describes the number of pictures per folder; the command shows how they were selected."""
     photos = results.frame.groupby("group", sort=False)["photo"].nunique()
     listed = ", ".join(f"{group} {count}" for group, count in photos.items())
-    what = {"pairs": "Sequences", "video": "Sequences", "sequences": "Photos, seen by each log at each ratio"}.get(
-        PROTOCOLS[results.request.protocol].kind, "Photos"
-    )
+    kinds = {"places": "Places", "sequences": "Photos, seen by each log at each ratio"}
+    kinds |= dict.fromkeys(("pairs", "video"), "Sequences")
+    what = kinds.get(PROTOCOLS[results.request.protocol].kind, "Photos")
     return f"{what}: {listed}."

@@ -14,25 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from unshutter.motion import Motion, RowMotion
+from unshutter.motion import RowMotion
 from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG, Camera
 from unshutter.photo import Photo
 from unshutter.single.estimator import View
-from unshutter_lab.evaluation.case import (
-    Case,
-    Disturbance,
-    Example,
-    Loaded,
-    Record,
-    ask,
-    compared,
-    disturbed,
-    in_8_bits,
-    picture_scores,
-    rectified,
-    true_attitude,
-)
-from unshutter_lab.evaluation.metrics import UNIT_ROWS, epe_of_nothing, motion_error
+from unshutter_lab.evaluation.case import Disturbance, Record, disturbed, in_8_bits, true_attitude
+from unshutter_lab.evaluation.exam import Exam, ExamCase
+from unshutter_lab.evaluation.metrics import UNIT_ROWS
 from unshutter_lab.synthesis.pairs import synthesize, synthesize_native
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
@@ -64,21 +52,7 @@ class Suite:
 
 
 @dataclass(frozen=True)
-class Exam:
-    """A synthesised picture."""
-
-    view: View  # the estimators' input
-    gs: np.ndarray  # the global-shutter picture, uint8 [H, W, 3]
-    truth: Motion  # the true motion
-
-    @property
-    def photo(self) -> Photo:
-        """The rolling-shutter picture."""
-        return self.view.photo
-
-
-@dataclass(frozen=True)
-class SyntheticCase(Case):
+class SyntheticCase(ExamCase):
     """One picture with known motion."""
 
     suite: Suite  # the picture's specification
@@ -99,34 +73,15 @@ class SyntheticCase(Case):
         """Suite, group, photo and number of the motion."""
         return {"suite": self.suite.name, "group": self.group, "photo": self.photo, "draw": self.draw}
 
-    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """Returns one record per estimator."""
-        exam = self.exam()
-        nothing = epe_of_nothing(exam.truth)
-        oracle = rectified(exam.photo, exam.truth) if self.suite.of_pictures and not self.suite.still else None
-        records = []
-        for name in names:
-            answer = ask(loaded(name), exam.view)
-            error = vars(motion_error(answer.motion, exam.truth))
-            best = min([nothing, error["epe"], *(motion_error(each, exam.truth).epe for each in answer.others)])
-            record = {**self.place, "estimator": name, **error, "epe_nothing": nothing, "epe_best": best}
-            record |= answer.figures()
-            if oracle:
-                picture, mask = rectified(exam.photo, answer.motion)
-                pictures = {"": picture, "input": in_8_bits(exam.photo), "oracle": oracle[0]}
-                record |= picture_scores(pictures, exam.gs, mask & oracle[1])
-            records.append(record)
-        return records
+    @property
+    def title(self) -> str:
+        """Photo, suite and motion."""
+        return f"{self.group} {Path(self.photo).stem[-12:]}, {self.suite.name}, motion {self.draw + 1}"
 
-    def show(self, names: list[str], loaded: Loaded) -> Example:
-        """Returns the pictures and curves behind the records."""
-        exam = self.exam()
-        curves = {name: ask(loaded(name), exam.view).motion for name in names}
-        errors = {name: motion_error(motion, exam.truth).epe for name, motion in curves.items()}
-        errors["input"] = epe_of_nothing(exam.truth)
-        pictures = [(f"{name} {errors[name]:.1f} px", picture) for name, picture in compared(exam.photo, curves)]
-        title = f"{self.group} {Path(self.photo).stem[-12:]}, {self.suite.name}, motion {self.draw + 1}"
-        return Example(title, [*pictures, ("truth", exam.gs)], {"truth": exam.truth, **curves})
+    @property
+    def compares_pictures(self) -> bool:
+        """Whether the suite does."""
+        return self.suite.of_pictures and not self.suite.still
 
     def exam(self) -> Exam:
         """Returns the picture, synthesised again at every call."""
@@ -146,7 +101,7 @@ class SyntheticCase(Case):
             rs, truth = gs, RowMotion.zero(*gs.shape[:2])
         if self.suite.disturbance:
             rs = disturbed(rs, self.suite.disturbance, rng)
-        photo = replace(Photo.from_array(rs, exposure_s), orientation=self.suite.orientation)
+        photo = replace(Photo.from_array(rs, exposure_s), orientation=self.suite.orientation, path=self.file)
         focal *= len(gs) / shown_px
         roll, tilt = self._attitude()
         readout_ms = None if exposure_s is None else 1000 * readout_s

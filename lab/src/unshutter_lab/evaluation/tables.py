@@ -22,7 +22,23 @@ SHORT = {
     "sequences": ("EPE median",),
     "video": ("\\|R_F\\|",),
 }
+# kind of a run -> (titles, legend) of each of its short tables, if it has several
+STACKED = {
+    "places": (
+        (
+            ("EPE of rectify",),
+            "**What `rectify` leaves**: mean EPE in px of 256 rows. Pictures left unchanged count as they are.",
+        ),
+        (
+            ("better by rectify", "worse by rectify"),
+            "**Benefit and harm**: the shares of pictures that `rectify` brings closer to the truth by more than half "
+            "a pixel, and that it takes farther away from it.",
+        ),
+        (("EPE mean",), "**Every answer applied**, however unsure: mean EPE."),
+    ),
+}
 LEGENDS = {
+    "places": "Columns are suites, rows methods.",
     "motion": "Median EPE in px of 256 rows, and the share of pictures improved.",
     "still": "Share of the photos in which `rectify` would move something by more than 1 px.",
     "pairs": "Mean gain in PSNR over the unchanged frame.",
@@ -32,9 +48,11 @@ LEGENDS = {
 _UNKNOWN = "–"
 _FIGURE = re.compile(r"(?P<number>[+-]?[\d.]+) ?(?P<unit>px|dB|°|%)?")
 _PLACE = ["suite", "photos", "estimator"]
+CLEARLY = 0.5  # px at 256 rows: a photo is clearly better or worse if its EPE changed by more
 HARM = (1, 3)  # px at 256 rows: a measurable change of an undistorted photo, and a clearly visible one
 _TEXTS = ["declined", "failed", "left_alone"]
-_FIGURES = ["epe", "epe_nothing", "worst_epe", "curvature_epe", "tx_rmse", "rz_rmse", "most_tx", "most_rz", "farthest"]
+_FIGURES = ["epe", "epe_nothing", "worst_epe", "epe_best", "curvature_epe", "tx_rmse", "rz_rmse"]
+_FIGURES += ["most_tx", "most_rz", "farthest"]
 _FIGURES += [f"{score}{of}" for score in ("psnr", "ssim") for of in ("", "_input", "_oracle")]
 _FIGURES += ["ratio_told", "ratio_error", "ratio_within", "ratio_covered", "inliers", "inliers_input", "matches"]
 
@@ -64,6 +82,12 @@ class Table:
 
 def short_tables(tables: list[Table], kind: str) -> str:
     """Returns tables of methods against photos, one per suite; against suites if all photos are in one group."""
+    if kind in STACKED:
+        parts = []
+        for titles, legend in STACKED[kind]:
+            (group,) = {row[0] for table in tables for row in table.rows}
+            parts += [legend, _matrix({table.suite: table.figures(titles)[group] for table in tables})]
+        return "\n\n".join(parts)
     tables = [table for table in tables if SHORT[kind][0] in table.titles]
     groups = {row[0] for table in tables for row in table.rows}
     if groups == {"all"} or (len(groups) == 1 and len(tables) > 1):
@@ -146,6 +170,12 @@ def judged(records: Any) -> Any:
     improved = (each["epe"] < each["epe_nothing"]).astype(float)
     gain = each["psnr"] - each["psnr_input"]
     each = each.assign(left=left, improved=improved, improved_by_rectify=improved * (1 - left), gain=gain)
+    decided = each["epe"].where(left != 1, each["epe_nothing"])
+    change = decided - each["epe_nothing"]
+    known_change = change.notna()
+    each = each.assign(decided=decided, changed=1 - left)
+    each["helped"] = (change < -CLEARLY).astype(float).where(known_change)
+    each["harmed"] = (change > CLEARLY).astype(float).where(known_change)
     each["better"] = (gain > 0).astype(float).where(gain.notna())
     for px in HARM:
         each[f"wrong_{px}"] = each["epe"] > px
@@ -172,6 +202,22 @@ _EPE = Column("EPE median", "epe", better=-1)
 _EPE_P90 = Column("EPE p90", "epe", _p90, better=-1)
 _IMPROVED = Column("improved", "improved", "mean", "{:.0%}", +1)
 COLUMNS: dict[str, list[list[Column]]] = {
+    "places": [
+        [
+            _PICTURES,
+            Column("EPE of doing nothing", "epe_nothing", "mean"),
+            Column("EPE mean", "epe", "mean", better=-1),
+            _EPE,
+            Column("curvature EPE", "curvature_epe", better=-1),
+            Column("EPE of rectify", "decided", "mean", better=-1),
+            Column("changed by rectify", "changed", "mean", "{:.0%}"),
+            Column("better by rectify", "helped", "mean", "{:.0%}", +1),
+            Column("worse by rectify", "harmed", "mean", "{:.0%}", -1),
+            Column("EPE of the best candidate", "epe_best", "mean", better=-1),
+            _DECLINED,
+            _FAILED,
+        ]
+    ],
     "motion": [
         [
             _PICTURES,

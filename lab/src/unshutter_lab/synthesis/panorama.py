@@ -114,9 +114,17 @@ class Place:
         return cv2.remap(level.atlas, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
+def places_in(folder: Path) -> list[Path]:
+    """Returns the folders of the places in a folder, sorted."""
+    places = sorted({path.parent for path in folder.glob("*/posx.*")})
+    if not places:
+        raise UnshutterError(f"no places in folder {folder} (looked for folders with posx.jpg, negx.jpg and so on)")
+    return places
+
+
 def shipped_places() -> dict[str, Path]:
     """Returns the places of the benchmark, which come with the laboratory, by name."""
-    return {path.parent.name: path.parent for path in sorted(_SHIPPED.glob("*/posx.jpg"))}
+    return {path.name: path for path in places_in(_SHIPPED)}
 
 
 def row_matrices(motion: Motion, focal_px: float) -> Float64[np.ndarray, "height 3 3"]:

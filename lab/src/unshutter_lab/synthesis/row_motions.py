@@ -153,7 +153,7 @@ def distorted(pixels: np.ndarray, motion: Motion, rows: float = 0.0) -> np.ndarr
     reach = math.hypot(motion.width, motion.height) / 2
     fastest = (np.abs(velocities[0]) + np.abs(velocities[1]) * reach).max()
     count = int(np.clip(math.ceil(fastest * rows / _STEP_PX), 1, _MOST_MOMENTS))
-    linear, most = _linear_light(pixels.dtype)
+    linear, _ = linear_light(pixels.dtype)
     total = np.zeros(pixels.shape, np.float32)
     for moment in (np.arange(count) + 0.5) / count - 0.5:
         tx, rz = (
@@ -162,12 +162,16 @@ def distorted(pixels: np.ndarray, motion: Motion, rows: float = 0.0) -> np.ndarr
         )
         moved = RowMotion(motion.width, tx, rz, reference=motion.reference, readout=motion.readout)
         total += linear[distort_pixels(pixels, moved)]
-    light = total / count
+    return encoded_light(total / count, pixels.dtype)
+
+
+def encoded_light(light: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Returns the pixel values of linear light 0 ... 1."""
     encoded = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.round(encoded * most).astype(pixels.dtype)
+    return np.round(encoded * np.iinfo(dtype).max).astype(dtype)
 
 
-def _linear_light(dtype: np.dtype) -> tuple[np.ndarray, int]:
+def linear_light(dtype: np.dtype) -> tuple[np.ndarray, int]:
     """Returns the linear light 0 ... 1 of each pixel value, and the largest value."""
     most = int(np.iinfo(dtype).max)
     value = np.arange(most + 1, dtype=np.float32) / most

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from unshutter.errors import UsageError
 from unshutter.motion.rotations import rotation_matrix
-from unshutter_lab.synthesis.panorama import Camera, Place, paper_matrices, shipped_places
+from unshutter_lab.synthesis.panorama import Camera, Place, paper_matrices, places_in, shipped_places
 from unshutter_lab.training.motions import KINDS, Dice, MotionConfig, draw_kind
 from unshutter_lab.training.towns import draw_place
 from unshutter_lab.training.variation import check_shares
@@ -71,7 +71,7 @@ class PlaceViews:
     def __init__(self, config: PlacesConfig):
         self.config = config
         kept = set(shipped_places())
-        folders = sorted(path.parent for path in Path(config.folder).glob("*/posx.*")) if config.folder else []
+        folders = places_in(Path(config.folder)) if config.folder else []
         self.places = [Place.load(folder) for folder in folders if folder.name not in kept]
         if config.folder and not self.places:
             raise UsageError(f"[data.places]: {config.folder} holds no places but those of the benchmark")
