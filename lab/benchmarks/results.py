@@ -27,7 +27,7 @@ REAL = ["real/bsrsc", "real/fastec", "real/carla"]
 OURS = {"--estimators": "none,segment-manhattan,manhattan"}  # the methods that use what photos say beside their pixels
 # name of the run -> (protocol, folders of DATA, options)
 RUNS = {
-    "places": ("places", [], {"--per-photo": 4}),
+    "places": ("places", [], {"--per-photo": 2}),
     "synthetic": ("synthetic", [*TEST, "val"], {"--photos": 40, "--per-photo": 2}),
     "native": ("native", [*TEST, "val"], {"--photos": 25, "--per-photo": 1}),
     "trajectory": ("trajectory", [*TEST, "val"], {"--photos": 15, "--per-photo": 1}),

@@ -130,8 +130,11 @@ def film_by_motion(folder: Path) -> Scene:
 def evaluate(folder: Path) -> Scene:
     make_photos(folder, ["in/a.jpg"])
     log = turns(folder / "log.npz")
+    (folder / "answers").mkdir()
+    answer = make_motion(folder / "answers" / "256_px_in_a.jpg_0.json")
     words = ["evaluate", "--data", folder / "in", "--estimators", "none", "--photos", 1, "--per-photo", 1]
-    return Scene([*words, "--trajectory", log, "--jobs", 1], [folder / "in" / "a.jpg", log], {"--output": ""})
+    words = [*words, "--trajectory", log, "--answers", folder / "answers", "--jobs", 1]
+    return Scene(words, [folder / "in" / "a.jpg", log, answer], {"--output": ""})
 
 
 def turns(path: Path) -> Path:

@@ -89,11 +89,10 @@ class EvaluateArguments:
         "Folders of motion files named like the pictures (PICTURE.json), each the answers of a method of yours.",
         names="input",
     )
-    pictures: Path | None = option(
-        None,
-        "Write the pictures that methods see to this new folder, for programs that cannot be called from here, and "
+    pictures_only: bool = option(
+        False,
+        "Write the pictures that methods see to the folder --output, for programs that cannot be called from here, and "
         "measure nothing.",
-        names="results",
     )
     jobs: int | None = option(None, "Number of processes. Default: one per processor.")
     overwrite: bool = option(False, "Delete an earlier run with other settings from the folder.")
@@ -106,11 +105,13 @@ def run_evaluate(arguments: EvaluateArguments) -> int:
     from unshutter_lab.evaluation.run import evaluate
 
     given = dict(vars(arguments))
-    how = {name: given.pop(name) for name in ("estimators", "output", "jobs", "overwrite", "answers", "pictures")}
+    how = {name: given.pop(name) for name in ("estimators", "output", "jobs", "overwrite", "answers")}
     given |= {"data": tuple(arguments.data or ()), "readout_ratio": tuple(arguments.readout_ratio or ())}
+    pictures_only = given.pop("pictures_only")
     request = Request(**given)
-    if (folder := how.pop("pictures")) is not None:
-        print(f"pictures: {write_pictures(PROTOCOLS[request.protocol].cases(request), folder)} in {folder}")
+    if pictures_only:
+        count = write_pictures(PROTOCOLS[request.protocol].cases(request), arguments.output)
+        print(f"pictures: {count} in {arguments.output}")
         return 0
     unusable = evaluate(request, **{**how, "answers": tuple(arguments.answers or ())})
     print(f"results: {arguments.output / 'results.md'}, with its plots and pictures; every figure: results.csv")

@@ -1,6 +1,6 @@
 """Answers from elsewhere: a folder of motion files, one for each picture, as a method's answers.
 
-``unshutter evaluate --pictures FOLDER`` writes the pictures, so that any program can answer them, in any language.
+``unshutter evaluate --pictures-only`` writes the pictures, so that any program can answer them, in any language.
 """
 
 from __future__ import annotations

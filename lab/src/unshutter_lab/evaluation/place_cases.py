@@ -31,7 +31,7 @@ from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
 
 _SIZE = (300, 400)  # rows and columns of a photo [px], about as fine as the places are
-_UPRIGHT = 4  # every fourth photo is taller than wide
+_UPRIGHT = 4  # the second of every four photos is taller than wide
 _TOLD = 2  # every second one states its focal length
 _NOISE, _QUALITY = 2.0, 90  # standard deviation [levels of 255], and quality of the JPEG
 _LONGEST_S = 0.3  # of a drawn hand: all readouts, and the exposures around them
@@ -79,7 +79,7 @@ class _Drawn:
 
     def camera(self) -> Camera:
         """Returns the camera at the moment of the first row."""
-        upright = self.draw % _UPRIGHT == _UPRIGHT - 1
+        upright = self.draw % _UPRIGHT == 1
         return draw_camera(self.dice(_CAMERA), *(_SIZE[::-1] if upright else _SIZE))
 
     def log(self, seconds: float) -> RotationLog:

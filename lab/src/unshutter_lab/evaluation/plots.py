@@ -19,6 +19,7 @@ from unshutter_lab.evaluation.results import Results
 
 _QUANTILES = np.linspace(0, 1, 41)
 _BINS = 6
+_LONGEST = 30  # characters of a name in a plot
 _STYLE: dict[Any, Any] = {"font.size": 9}
 _DPI = 110
 
@@ -88,7 +89,7 @@ def _distributions(results: Results):
         for name, colour, dashes in looks_of(results):
             axis.plot(
                 np.quantile(results.values("epe", estimator=name, **criteria), _QUANTILES),
-                _QUANTILES, color=colour, ls=dashes, lw=1.4, label=name,
+                _QUANTILES, color=colour, ls=dashes, lw=1.4, label=_short(name),
             )  # fmt: skip
         axis.set(title=title, xlabel="EPE [px at 256 rows]", xscale="symlog", xlim=(0, 60), ylim=(0, 1))
         axis.set_xticks([0, 1, 3, 10, 30], ["0", "1", "3", "10", "30"])
@@ -108,7 +109,7 @@ def _against_size(results: Results):
             own = results.values("epe_nothing", estimator=name, **criteria)
             within = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0))
             points = [(np.median(own[within == k]), np.median(epe[within == k])) for k in np.unique(within)]
-            axis.plot(*np.transpose(points), color=colour, ls=dashes, lw=1.4, marker=".", label=name)
+            axis.plot(*np.transpose(points), color=colour, ls=dashes, lw=1.4, marker=".", label=_short(name))
         axis.axline((0, 0), slope=1, color="0.8", lw=0.8, zorder=0)
         axis.set(title=title, xlabel="EPE of doing nothing [px]", xlim=(0, None), ylim=(0, None))
     finish_figure(figure, axes, len(panels), "median EPE [px]")
@@ -128,7 +129,7 @@ def _dots(results: Results):
                 axis.plot([gains.mean()] * 2, [place - 0.35, place + 0.35], color="black", lw=1.5)
         axis.axvline(0, color="0.7", lw=0.8, zorder=0)
         axis.set(title=title, xlabel=label, yticks=range(len(results.names)), ylim=(len(results.names) - 0.5, -0.5))
-        axis.set_yticklabels(results.names if axis is axes[0, 0] else [])
+        axis.set_yticklabels(list(map(_short, results.names)) if axis is axes[0, 0] else [])
     return figure
 
 
@@ -140,7 +141,7 @@ def _curves(results: Results):
             for name, curve in curves.items():
                 colour, dashes = looks.get(name, ("black", "-"))
                 wide = 2.2 if name == "truth" else 1.2
-                axis.plot(curve["row"], curve[key], color=colour, ls=dashes, lw=wide, label=name)
+                axis.plot(curve["row"], curve[key], color=colour, ls=dashes, lw=wide, label=_short(name))
             axis.set_ylim(*_limits(curves, key))
         axes[0, column].set_title(title.replace(", ", "\n", 1), fontsize=8)
         axes[1, column].set_xlabel("row (first to last)")
@@ -155,6 +156,11 @@ def _limits(curves: dict[str, dict[str, list[float]]], key: str) -> tuple[float,
     truth = np.array(curves["truth"][key])
     room = 1.2 * max(np.ptp(truth), 4.0 if key == "tx" else 1.0)
     return float(truth.min() - room), float(truth.max() + room)
+
+
+def _short(name: str) -> str:
+    """Returns the end of a long name, such as that of a folder of answers."""
+    return name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}"
 
 
 def looks_of(results: Results) -> list[tuple[str, Any, str]]:
