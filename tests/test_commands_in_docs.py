@@ -78,6 +78,7 @@ def test_all_pages_with_commands_are_looked_at() -> None:
     assert not unused
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if SHOWN[page]], ids=lambda page: page.relative_to(ROOT).as_posix()
 )
@@ -93,6 +94,11 @@ def test_commands_of(
         else:
             code = _run(command, capsys)
             assert code == 0, f"{page.name}: {command}: {capsys.readouterr().err}"
+
+
+@pytest.mark.parametrize("page", [*PAGES, *sorted(_TUTORIAL)], ids=lambda page: page.stem)
+def test_the_options_of_a_page_exist(page: Path) -> None:
+    for command in commands(page):
         if command.startswith("unshutter "):
             name, *words = shlex.split(command.partition(" > ")[0].removesuffix(" &"))[1:]
             if find_spec("unshutter_lab") or name not in _OF_LAB:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import unshutter
+from support.covering import covering
 from support.drawn_photos import one_line, textured
 from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError, errors
 from unshutter.cli import main
@@ -71,8 +72,7 @@ def test_opencv_with_the_npz_rectifies(tmp_path: Path, readout: Readout) -> None
     assert np.abs(rs.astype(int) - expected)[seen].mean() > 5
 
 
-@pytest.mark.parametrize("suffix", [".exr", ".tif"])
-@pytest.mark.parametrize("readout", [*Readout])
+@pytest.mark.parametrize(("suffix", "readout"), covering([".exr", ".tif"], [*Readout]))
 def test_an_st_map_rectifies(tmp_path: Path, readout: Readout, suffix: str) -> None:
     if suffix == ".exr":
         pytest.importorskip("OpenEXR")

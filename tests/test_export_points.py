@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.covering import covering
 from support.drawn_photos import one_line
 from unshutter import Motion, Readout, RowMotion, UnshutterError
 from unshutter.cli import main
@@ -42,8 +43,7 @@ def points(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", [shake, turning])
-@pytest.mark.parametrize("readout", [*Readout])
+@pytest.mark.parametrize(("kind", "readout"), covering([shake, turning], [*Readout]))
 def test_there_and_back(tmp_path: Path, points: Path, readout: Readout, kind) -> None:
     motion, gs, rs = tmp_path / "m.json", tmp_path / "gs.csv", tmp_path / "rs.csv"
     kind(readout).save(motion)
@@ -53,8 +53,7 @@ def test_there_and_back(tmp_path: Path, points: Path, readout: Readout, kind) ->
     assert np.abs(positions(gs) - positions(points)).mean() > 1
 
 
-@pytest.mark.parametrize("kind", [shake, turning])
-@pytest.mark.parametrize("readout", [*Readout])
+@pytest.mark.parametrize(("kind", "readout"), covering([shake, turning], [*Readout]))
 def test_points_agree_with_the_maps(readout: Readout, kind) -> None:
     """The map that rectifies says for every GS pixel where it is in the photo, as do points moved with inverse."""
     motion, rng = kind(readout), np.random.default_rng(2)

@@ -1,11 +1,10 @@
 """Orientations, compared with Pillow's, and with each other."""
 
-import itertools
-
 import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
+from support.covering import covering
 from unshutter.orientation import Orientation
 
 PIXELS = np.arange(3 * 5 * 3, dtype=np.uint8).reshape(3, 5, 3)
@@ -40,7 +39,7 @@ def test_names_are_those_of_pillow_and_editors(orientation: Orientation) -> None
     np.testing.assert_array_equal(orientation.upright(PIXELS), by_name[orientation.name])
 
 
-@pytest.mark.parametrize(("first", "second"), list(itertools.product(Orientation, Orientation)))
+@pytest.mark.parametrize(("first", "second"), covering([*Orientation], [*Orientation][3:] + [*Orientation][:3]))
 def test_two_in_a_row_are_one(first: Orientation, second: Orientation) -> None:
     both = first.then(second)
     np.testing.assert_array_equal(both.upright(PIXELS), second.upright(first.upright(PIXELS)))

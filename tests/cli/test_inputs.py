@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from support.covering import covering
 from unshutter.cli import command_named, main, summaries
 from unshutter.options.fields import options_of
 
@@ -40,7 +41,7 @@ def words_of(command: str, key: str, odd: Path, photo: Path, out: Path) -> list[
     return words + (["-o", str(out)] if any(each.key == "output" for each in options_of(kind)) else [])
 
 
-@pytest.fixture(params=["pipe", "endless", "folder", "empty", "no name"])
+@pytest.fixture
 def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     places = {"endless": Path("/dev/zero"), "no name": tmp_path / ("x" * 300)}
     place = places.get(request.param, tmp_path / request.param)
@@ -53,9 +54,11 @@ def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return place
 
 
-@pytest.mark.parametrize(("command", "key"), INPUTS, ids=[f"{command}-{key}" for command, key in INPUTS])
+@pytest.mark.parametrize(
+    ("given", "odd"), covering(INPUTS, ["pipe", "endless", "folder", "empty", "no name"]), indirect=["odd"]
+)
 def test_an_odd_input_ends_the_command_with_one_line(
-    command: str, key: str, odd: Path, photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    given: tuple[str, str], odd: Path, photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def late(*_: object) -> None:
         pytest.fail(f"not done after {LIMIT_S} s")
@@ -63,7 +66,7 @@ def test_an_odd_input_ends_the_command_with_one_line(
     before, out = signal.signal(signal.SIGALRM, late), tmp_path / "out.json"
     signal.alarm(LIMIT_S)
     try:
-        code = main(words_of(command, key, odd, photo, out))
+        code = main(words_of(*given, odd, photo, out))
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_motion, make_photos
+from support.covering import covering
 from support.outputs import NEEDS, SCENES, Scene, calibrate, film, film_by_motion, train
 from unshutter.cli import command_named, main, summaries
 from unshutter.options.fields import options_of
@@ -173,10 +174,10 @@ FOLDERS = [(name, make) for name, make in ALL if make not in (film, film_by_moti
 
 
 @posix
-@pytest.mark.parametrize(("command", "make"), FOLDERS, ids=[f"{name}-{make.__name__}" for name, make in FOLDERS])
-@pytest.mark.parametrize("kind", ["symbolic", "hard"])
-def test_a_folder_of_links_to_inputs(command: str, make, kind: str, tmp_path: Path, capsys, monkeypatch) -> None:
+@pytest.mark.parametrize(("given", "kind"), covering(FOLDERS, ["symbolic", "hard"]))
+def test_a_folder_of_links_to_inputs(given, kind: str, tmp_path: Path, capsys, monkeypatch) -> None:
     """Whatever a command writes into a folder: there are links to its inputs under all these names."""
+    _, make = given
     pytest.importorskip(NEEDS.get(make, "unshutter"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "in").mkdir()

@@ -1,11 +1,10 @@
-"""The program as a process: what it imports, how it ends, and what is left when it is killed."""
+"""The program as a process: what it imports and how it ends."""
 
 import json
 import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -66,21 +65,6 @@ def test_output_led_to_a_full_disc_fails_in_one_line(command: list[str], photo: 
         done = subprocess.run(process, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
-
-
-def test_a_killed_run_leaves_no_half_written_file(tmp_path: Path, rolling_facade: np.ndarray) -> None:
-    """Killed at many moments, the output is either absent or whole."""
-    big = np.tile(rolling_facade, (4, 4, 1))
-    photo, out = tmp_path / "big.png", tmp_path / "out.jpg"
-    Photo.from_array(big).save(photo)
-    for delay in (0.3, 0.5, 0.7, 0.9):
-        process = subprocess.Popen([sys.executable, "-m", "unshutter", "rectify", str(photo), "-o", str(out)])
-        time.sleep(delay)
-        process.kill()
-        process.wait()
-        if out.exists():
-            Photo.open(out).to_array()
-            os.unlink(out)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems' names are text")

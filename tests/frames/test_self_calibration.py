@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
+from support.covering import covering
 from support.hand_held import FOCAL, HEIGHT, camera, exact_tracks, hand, pan, shaking, still
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
@@ -38,8 +39,7 @@ def test_where_it_cannot_be_told_it_is_not_guessed(log, because):
     assert "--" not in str(reason)  # flags are the command line's business
 
 
-@pytest.mark.parametrize("log", [hand(1), pan(), shaking(52)])
-@pytest.mark.parametrize("frames", [2, 3])
+@pytest.mark.parametrize(("log", "frames"), covering([hand(1), pan(), shaking(52)], [2, 3]))
 def test_two_or_three_frames_do_not_say_why_not(log, frames):
     with pytest.raises(UnknownRatioError, match=f"\\({frames} frames are too few to show it\\)$"):
         ratio_of(log, 0.6, frames=frames)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.covering import thorough
 from support.page_server import TOKEN, Asking, becomes, desk, events, served, temporary_folders
 from unshutter import errors
 from unshutter.cli import main
@@ -92,7 +93,13 @@ def _refused(answer: httpx.Response, status: int, told: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{}, RATIO, {"readout-ms": "15", "strength": "0.5", "edges": "crop"}, RATIO | {"reference": "last"}]
+    "options",
+    [
+        thorough({}),
+        thorough(RATIO),
+        {"readout-ms": "15", "strength": "0.5", "edges": "crop"},
+        RATIO | {"reference": "last"},
+    ],
 )
 def test_a_clip_is_the_command_lines(
     client: httpx.Client, lossless: Path, tmp_path: Path, options: dict[str, str]

@@ -11,6 +11,7 @@ from playwright.sync_api import Page, Route, expect
 
 from support.batches import rectify
 from support.browser import drop, wait_for
+from support.covering import thorough
 from support.frame_pairs import Scene
 from support.tagged_files import exif_blob
 from unshutter.photo import Photo
@@ -266,7 +267,7 @@ def _pole(page: Page, turned: bool = False) -> tuple[float, float]:
     return first, last
 
 
-@pytest.mark.parametrize("at", [0.2, 0.8])
+@pytest.mark.parametrize("at", [0.2, thorough(0.8)])
 def test_the_photo_leans_as_it_is_pulled(page: Page, pole: Path, at: float) -> None:
     """What is under the pointer goes with it: at once, and in the answer."""
     drop(page, pole)
@@ -296,7 +297,7 @@ def test_the_photo_leans_as_it_is_pulled(page: Page, pole: Path, at: float) -> N
     expect(page.locator(".handle")).to_be_visible()
 
 
-@pytest.mark.parametrize("orientation", [3, 5, 6, 8])
+@pytest.mark.parametrize("orientation", [3, thorough(5), 6, thorough(8)])
 def test_a_photo_that_is_stored_on_its_side_leans_the_way_it_is_pulled(
     page: Page, tmp_path: Path, orientation: int
 ) -> None:

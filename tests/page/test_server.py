@@ -11,6 +11,7 @@ import pytest
 
 from support import clips
 from support.camera_files import heic
+from support.covering import thorough
 from support.frame_pairs import Scene
 from support.page_server import events, opened, run_command
 from unshutter.photo import Photo
@@ -19,7 +20,13 @@ from unshutter.photo import Photo
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"strength": "0.5", "edges": "crop"}, {"format": "png", "roll-deg": "1"}, {"strength": "0"}]
+    "options",
+    [
+        thorough({}),
+        {"strength": "0.5", "edges": "crop"},
+        {"format": "png", "roll-deg": "1"},
+        thorough({"strength": "0"}),
+    ],
 )
 def test_a_picture_is_the_command_lines_to_the_byte(
     client: httpx.Client, photo: Path, tmp_path: Path, options: dict[str, str]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from support.covering import covering
 from support.drawn_photos import drawn, encoded, textured
 from unshutter.photo import Photo
 from unshutter.photo.decoder import grey_copy
@@ -21,9 +22,10 @@ def area_average(luminance, height, width):
     return overlaps(luminance.shape[0], height) @ luminance @ overlaps(luminance.shape[1], width).T
 
 
-@pytest.mark.parametrize("format", ["jpeg", "png", "array"])
-@pytest.mark.parametrize("size", [(480, 640), (641, 483), (1001, 777)])
-@pytest.mark.parametrize("short", [64, 100, 301])
+@pytest.mark.parametrize(
+    ("format", "size", "short"),
+    covering(["jpeg", "png", "array"], [(480, 640), (641, 483), (1001, 777)], [64, 100, 301]),
+)
 def test_grey_agrees_with_an_area_average(format, size, short):
     photo = Photo.from_array(textured(*size))
     photo = photo if format == "array" else Photo.from_bytes(photo.to_bytes(format, quality=98))
@@ -81,8 +83,7 @@ def test_grey_of_transparent_places_is_mid_grey(dtype):
     assert np.all(grey[:, :14] == 255) and np.all(np.abs(grey[:, 18:].astype(int) - 128) <= 1)
 
 
-@pytest.mark.parametrize("size", [(1200, 1600), (1207, 1601)])
-@pytest.mark.parametrize("short", [140, 150, 160, 300, 599, 700])
+@pytest.mark.parametrize(("size", "short"), covering([(1200, 1600), (1207, 1601)], [140, 150, 160, 300, 599, 700]))
 def test_grey_is_nearly_the_same_for_a_jpeg_and_for_its_pixels(size, short):
     """The JPEG is decoded at a part of its size."""
     photo = Photo.from_bytes(Photo.from_array(textured(*size)).to_bytes("jpeg"))

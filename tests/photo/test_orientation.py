@@ -11,6 +11,7 @@ from PIL import Image, ImageOps
 
 import unshutter
 from support.camera_files import AS_STORED, MIRRORED, ORIENTATIONS, dng, heic, linear
+from support.covering import covering
 from support.drawn_photos import encoded, textured
 from support.tagged_files import exif_blob
 from unshutter import Motion, Readout, RowMotion
@@ -40,7 +41,10 @@ def mirrored(motion: Motion) -> Motion:
     return dataclasses.replace(motion, tx_px=-motion.tx_px, rz_rad=-motion.rz_rad)
 
 
-@pytest.fixture(scope="module", params=list(Readout))
+EACH_WAY = pytest.mark.parametrize(("taken", "orientation"), covering([*Readout], ORIENTATIONS), indirect=["taken"])
+
+
+@pytest.fixture(scope="module")
 def taken(request: pytest.FixtureRequest, facade_canvas: np.ndarray) -> tuple[np.ndarray, Motion]:
     """A photo as a viewer shows it, 360 x 500 px, and its motion, for each direction in which it was read."""
     readout = request.param
@@ -86,7 +90,7 @@ def plain(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
 ROUNDING = 2  # grey levels, at the sharpest edges: OpenCV rounds positions to 1/32 px
 
 
-@pytest.mark.parametrize("orientation", ORIENTATIONS)
+@EACH_WAY
 def test_a_given_motion_does_the_same_to_a_turned_photo(
     tmp_path: Path, taken: tuple[np.ndarray, Motion], plain: np.ndarray, orientation: int
 ) -> None:
@@ -113,7 +117,7 @@ def found(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
 METHOD = ("--estimator", "segment-manhattan")  # the one that asks where the scene's top is
 
 
-@pytest.mark.parametrize("orientation", ORIENTATIONS)
+@EACH_WAY
 def test_the_same_motion_is_found_in_a_turned_photo(
     tmp_path: Path, taken: tuple[np.ndarray, Motion], found: tuple[Motion, np.ndarray], orientation: int
 ) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.covering import thorough
 from support.hand_held import log_of, pan
 from unshutter import Photo
 from unshutter.cli import main
@@ -118,7 +119,16 @@ def test_all_but_the_frames_stays_as_it_was(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    "name", ["h264-sound", "h264-turned", "h264-422-10", "hevc-hdr", "av1", "prores", "h264-full-range"]
+    "name",
+    [
+        "h264-sound",
+        thorough("h264-turned"),
+        thorough("h264-422-10"),
+        "hevc-hdr",
+        thorough("av1"),
+        "prores",
+        "h264-full-range",
+    ],
 )
 def test_frames_come_closer_to_what_a_global_shutter_saw(tmp_path, name):
     kind = KINDS[name]

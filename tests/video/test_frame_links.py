@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from support import clips, two_layers
+from support.covering import thorough
 from unshutter.cli import main
 from unshutter.motion import RowMotion
 from unshutter.options import MAX_PIXELS
@@ -46,7 +47,7 @@ def test_camera_is_the_default(clip):
     assert np.array_equal(clips.luma(straighten(clip)), clips.luma(straighten(clip, "--model", "camera")))
 
 
-@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "yuv444p16le", "gbrp10le"])
+@pytest.mark.parametrize("pixel_format", [thorough("yuv420p"), "yuv422p10le", thorough("yuv444p16le"), "gbrp10le"])
 def test_planes_of_many_kinds(tmp_path, pixel_format):
     before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1", pixel_format)
     true = clips.write(tmp_path / "true.mkv", list(TRUTH.astype(np.uint8)), "ffv1", pixel_format)

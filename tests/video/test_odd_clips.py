@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.covering import thorough
 from support.refusals import left_behind, refused
 from unshutter.cli import main
 from unshutter.video.clip import look
@@ -142,7 +143,9 @@ def test_a_stream_without_times(tmp_path):
 # ---- names ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["50%.mp4", "%d.mp4", "100%05d.mp4", "a:b.mp4", "concat:x.mp4"])
+@pytest.mark.parametrize(
+    "name", [thorough("50%.mp4"), thorough("%d.mp4"), "100%05d.mp4", thorough("a:b.mp4"), "concat:x.mp4"]
+)
 def test_names_that_mean_something_to_ffmpeg(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     clips.write(tmp_path / "in.mp4", GREYS).rename(name)

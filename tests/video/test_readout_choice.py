@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.covering import thorough
 from support.hand_held import log_of, pan, shaking
 from unshutter.cli import main
 from unshutter.cli.clip_command import _line_of
@@ -162,7 +163,7 @@ def hand():
     return log_of(lambda t: 25 * np.sin(6 * t), lambda t: 8 * np.sin(5 * t + 1), lambda t: 20 * np.sin(8 * t + 2))
 
 
-@pytest.mark.parametrize("camera", range(10))
+@pytest.mark.parametrize("camera", [*(thorough(k) for k in range(7)), 7, 8, 9])
 def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
     """Each comes out corrected or with a bound."""
     log = [

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from support import clips
+from support.covering import covering
 from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip
 from unshutter.readout_time import ReadoutTime
@@ -26,8 +27,7 @@ def new_size(path, *flags):
     return out.stat().st_size / path.stat().st_size
 
 
-@pytest.mark.parametrize("rate", ["150k", "3M"])
-@pytest.mark.parametrize("ending", [".mp4", ".mkv"])
+@pytest.mark.parametrize(("rate", "ending"), covering(["150k", "3M"], [".mp4", ".mkv"]))
 def test_a_film_takes_as_many_bits_as_the_clip(tmp_path, greys, rate, ending, capsys):
     clip = clips.write(tmp_path / f"in{ending}", greys, options={"b": rate, "preset": "veryfast"})
     assert 0.7 < new_size(clip) < 1.4

@@ -9,6 +9,7 @@ import pytest
 
 import unshutter
 from support import clips, hand_held
+from support.covering import thorough
 from support.gyro_logs import AXES, gyro_log, write_gcsv
 from unshutter.cli import main
 from unshutter.options.clip_options import RectifyClip, Steadiness
@@ -103,7 +104,7 @@ def test_frames_that_show_nothing_do_not_break_the_path(tmp_path, shaken, kept):
     assert shake(steady[:21]) < 0.3 * shake(kept[:21]) and shake(steady[25:]) < 0.3 * shake(kept[25:])
 
 
-@pytest.mark.parametrize("flags", [("--edges", "crop"), ("--model", "dense"), ("--strength", "0.5")])
+@pytest.mark.parametrize("flags", [("--edges", "crop"), ("--model", "dense"), thorough(("--strength", "0.5"))])
 def test_it_goes_with_other_options(tmp_path, shaken, kept, flags):
     steady, _ = straighten(shaken, tmp_path, "--stabilize", *flags)
     assert shake(steady) < 0.2 * shake(kept)

@@ -79,6 +79,7 @@ def test_the_file_says_what_it_was_made_of(calibrated: Path, data: Path) -> None
     assert str(data) not in (calibrated / "calibration.json").read_text()
 
 
+@pytest.mark.thorough
 def test_the_same_data_give_the_same_file_whatever_the_number_of_processes(
     calibrated: Path, data: Path, tmp_path: Path
 ) -> None:

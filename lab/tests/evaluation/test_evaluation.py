@@ -32,6 +32,7 @@ def test_a_run_leaves_tables_figures_plots_and_sheets_and_says_where(
     assert page.count("![") == sum(name in page for name in names if name.endswith((".png", ".jpg")))
 
 
+@pytest.mark.thorough
 def test_twice_the_same_figures_whatever_the_number_of_processes(photos: Path, measured: Path, tmp_path: Path) -> None:
     assert run(photos, tmp_path, jobs=2) == 0
     for file in ("results.csv", "results.json", "results.md", "epe.png", "sheet_1.jpg"):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from support.covering import thorough
 from unshutter_lab.evaluation.protocols import Request
 from unshutter_lab.evaluation.results import Results
 
@@ -95,7 +96,11 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     ("words", "says"),
-    [((), "DATA=../shared/data"), (("nowhere",), "no folder nowhere/test/yorkurban"), (("--pages-only",), "nothing")],
+    [
+        thorough((), "DATA=../shared/data"),
+        (("nowhere",), "no folder nowhere/test/yorkurban"),
+        thorough(("--pages-only",), "nothing"),
+    ],
 )
 def test_missing_data_gets_one_line(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
     done = results_py(*words, folder=tmp_path)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from support.covering import covering
 from support.gradients import check_jacobian
 from support.line_scenes import (
     FOCAL,
@@ -25,8 +26,7 @@ def uniform_motion(curves: np.ndarray) -> RotationMotion:
     return motion_of(U[:, None] * found)
 
 
-@pytest.mark.parametrize("degrees", [(2, 5, 6), (-3, -4, 4), (0, 0, -8)])
-@pytest.mark.parametrize("clutter", [0.0, 0.4])
+@pytest.mark.parametrize(("degrees", "clutter"), covering([(2, 5, 6), (-3, -4, 4), (0, 0, -8)], [0.0, 0.4]))
 def test_the_velocity_is_found_exactly(degrees: tuple[float, float, float], clutter: float) -> None:
     truth = turning(degrees)
     check_exact(uniform_motion(seen_curves(truth, 0, clutter=clutter)), truth)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import unshutter
+from support.covering import thorough
 from support.line_scenes import (
     FOCAL,
     HEIGHT,
@@ -25,7 +26,7 @@ from unshutter.photo import Photo
 from unshutter_lab.methods.purkait2017 import fit_rate, line_polynomials, solve_four
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.05, -0.3, 0.8])
+@pytest.mark.parametrize("rate", [thorough(0.0), 0.05, thorough(-0.3), 0.8])
 def test_four_segments_give_the_rate_to_the_last_digits(rate: float) -> None:
     """Samples whose segments belong to the vanishing points as the solver supposes: two, one, one; or two, two."""
     hits = 0

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from support.covering import covering, thorough
 from support.gradients import check_jacobian
 from support.line_scenes import (
     FOCAL,
@@ -28,14 +29,17 @@ def bow_motion(curves: np.ndarray) -> RotationMotion:
     return motion_of(polynomial_rotations(found, U))
 
 
-@pytest.mark.parametrize("degrees", [((0, 5, 0),), QUADRATIC, ((-1, -3, 2), (1, 6, -4), (1, -2, 2))])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    ("degrees", "seed"), covering([((0, 5, 0),), QUADRATIC, ((-1, -3, 2), (1, 6, -4), (1, -2, 2))], [0, 1])
+)
 def test_bows_are_straightened_exactly(degrees, seed: int) -> None:
     truth = turning(*degrees)
     check_exact(bow_motion(seen_curves(truth, seed)), truth)
 
 
-@pytest.mark.parametrize(("noise", "clutter", "left"), [(0.3, 0.0, 0.15), (0.3, 0.4, 0.2), (1.0, 0.4, 0.35)])
+@pytest.mark.parametrize(
+    ("noise", "clutter", "left"), [thorough(0.3, 0.0, 0.15), thorough(0.3, 0.4, 0.2), (1.0, 0.4, 0.35)]
+)
 def test_bows_with_noise_and_clutter(noise: float, clutter: float, left: float) -> None:
     truth = turning(*QUADRATIC)
     for seed in range(3):

@@ -91,6 +91,7 @@ def test_weights_beyond_16_bits_stay_as_they_are() -> None:
     np.testing.assert_array_equal(answer_of(model, given), before)
 
 
+@pytest.mark.thorough
 def test_a_run_becomes_a_small_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / "small.toml"
     config.write_text(SMALL)

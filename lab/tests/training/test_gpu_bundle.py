@@ -70,6 +70,7 @@ def train(bundle: Path, config: Path, *runs: list[object]) -> str:
     return done.stdout
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_from_the_parcels_of_the_run_before(bundle, config, tmp_path, monkeypatch):
     first, second, runs = tmp_path / "first", tmp_path / "second", tmp_path / "runs"
     told = train(bundle, config, [first, "--steps", "3"], [second, "--from", first])  # which takes the other three

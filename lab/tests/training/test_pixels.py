@@ -107,6 +107,7 @@ def test_epe_of_the_truth_is_zero():
     assert (epe(x + 3, y - 4, samples) - 5).abs().max() < 0.02
 
 
+@pytest.mark.thorough
 def test_motions_are_those_of_the_predecessor():
     """facts of its generator over 20,000 draws: max |t_x| median 26.9, bound 75.1; max |r_z| 3.7, 12.9 degrees."""
     samples = PixelData(PixelConfig(size=64, canvas=64, drawn=3, held_out=1), CPU).batch(6000, dice())

@@ -78,6 +78,7 @@ def test_quadratic_through_the_key_rows():
     np.testing.assert_allclose(quadratic(torch.from_numpy(noise))[0, 1], fit, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_training_and_export(tmp_path):
     import onnxruntime
 

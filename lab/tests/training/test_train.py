@@ -313,6 +313,7 @@ def test_the_command_line_trains_by_name(
     assert not (tmp_path / "runs" / "kandula2020").exists()
 
 
+@pytest.mark.thorough
 def test_ctrl_c_leaves_a_checkpoint_from_which_the_run_goes_on(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -339,6 +340,7 @@ def test_minutes_end_with_a_model_and_a_log(config: Path, tmp_path: Path) -> Non
     assert [row["step"] for row in log(folder)] == ["1"] and (folder / "model.npz").exists()
 
 
+@pytest.mark.thorough
 def test_own_photos_begin_with_the_shipped_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("onnx")
     monkeypatch.setattr(recipes, "_START_PICTURES", 4)  # of which the normalisations take their spread, not the biases

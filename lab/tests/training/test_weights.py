@@ -104,6 +104,7 @@ def test_a_network_that_looks_twice_starts_from_its_file(recipe, pictures, train
     assert ((motion - expected) / expected.std(dim=(0, 2))[:, None]).abs().max() < 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["rowcol", "vanilla"])
 def test_the_predecessors_networks_start_from_what_ships(kind):
     """Convolutions with biases, a mean picture, and pairs that were exported as sequences."""
