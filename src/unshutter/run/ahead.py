@@ -104,18 +104,17 @@ def look_ahead(places: Sequence[Place], wanted: Wanted) -> Iterator[Ahead]:
 
         return Ahead(place, opening, None if estimator is None else thread.submit(judge_opened), judge)
 
-    def each(first: Ahead) -> Iterator[Ahead]:
-        current = first
+    def each(current: Ahead) -> Iterator[Ahead]:
         for place in places[1:]:
             following = begin(place, thread.submit(_open, place, wanted), whole=False)
             yield current
             current = following
         yield current
 
-    first = begin(places[0], opening, whole=wanted.pixels)  # decodes all its pixels as well: there is no other work yet
+    begun = each(begin(places[0], opening, whole=wanted.pixels))  # all its pixels, too: there is no other work yet
     if estimator is not None:
         estimator.prepare()  # while line segments are being detected
-    return each(first)
+    return begun
 
 
 def _open(place: Place, wanted: Wanted) -> Photo:
