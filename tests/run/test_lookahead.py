@@ -50,7 +50,7 @@ def begin(photos: list[Path], find: Find | None, max_pixels: int = MAX_PIXELS) -
 
 
 def found(begun: Ahead) -> Motion:
-    return begun.verdict.found.motion
+    return begun.verdict.finding.motion
 
 
 def test_photos_come_in_order_and_a_run_may_leave_some_out(photos: list[Path], tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import Link, copy_side, link, render_moment
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_time
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.grid import EdgePolicy, valid_window
 from unshutter.motion.rectified import Rectified, Result, render
@@ -163,7 +163,7 @@ class RectifiedFrame(Result):
     @property
     def motion(self) -> Motion | None:
         """The motion that was undone; None for dense motion, which is not that of the camera alone."""
-        return None if self.verdict.finding is None else self.verdict.motion
+        return None if self.model == "dense" else self.verdict.motion
 
     @classmethod
     def of(cls, result: Rectified, model: Model) -> RectifiedFrame:
@@ -191,12 +191,15 @@ def rectify_densely(
     )
     back = -options.readout.quarter_turns
     pixels, valid = np.rot90(picture.pixels, back), np.rot90(picture.valid, back)
+    no_single_motion = Finding(RowMotion.zero(*frames[0].shape[:2], readout=options.readout, estimator="frames-dense"))
     if picture.reason:
-        return RectifiedFrame(current.photo, current.photo, Verdict(None, 0.0, picture.reason), valid=valid)
+        return RectifiedFrame(current.photo, current.photo, Verdict(no_single_motion, 0.0, picture.reason), valid=valid)
     edges, window, whole = EdgePolicy(options.undo.edges).decide(valid.shape, lambda: valid_window(valid))
     pixels = pixels[window.top : window.bottom, window.left : window.right]
     photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
-    return RectifiedFrame(photo, current.photo, Verdict(None, picture.largest_px), edges, whole, valid=valid)
+    return RectifiedFrame(
+        photo, current.photo, Verdict(no_single_motion, picture.largest_px), edges, whole, valid=valid
+    )
 
 
 def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:

@@ -141,7 +141,7 @@ class Rectified(Result):
     @property
     def found(self) -> Motion:
         """The motion that was found or given, undone or not."""
-        return self.verdict.found.motion
+        return self.verdict.finding.motion
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -149,7 +149,7 @@ class Rectified(Result):
 
         Empty if the motion was given.
         """
-        return self.verdict.found.candidates
+        return self.verdict.finding.candidates
 
     def __repr__(self) -> str:
         size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"

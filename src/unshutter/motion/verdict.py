@@ -12,7 +12,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.finding import Finding
-from unshutter.motion.motion import Chance, Motion
+from unshutter.motion.motion import Motion
 from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
@@ -114,9 +114,7 @@ class Certainty(StrEnum):
 class Verdict:
     """Whether a motion is undone, and why if it is not; and whether the photo is turned upright."""
 
-    # what was found, its motion as it would be undone: at the reference row and the strength; None for a motion of
-    # every pixel (frames/flow.py)
-    finding: Finding | None
+    finding: Finding  # what was found, its motion as it would be undone: at the reference row and the strength
     largest_px: float  # largest displacement that undoing the motion would cause [px]
     reason: Reason | None = None  # why the photo is left unchanged; None if the motion is undone
     strength: float = 1.0  # share of the motion that is undone
@@ -124,38 +122,22 @@ class Verdict:
     not_upright: Reason | None = None  # why the photo is not turned although that was asked for
 
     @property
-    def found(self) -> Finding:
-        """What was found, unless it is a motion of every pixel."""
-        assert self.finding is not None
-        return self.finding
-
-    @property
     def motion(self) -> Motion:
         """The motion that is undone; zero, with the reason, if it is not."""
-        found = self.found.motion
+        found = self.finding.motion
         return found if self.undoes else replace(found.scaled(0), reason=self.reason)
 
     @property
     def confidence(self) -> float | None:
         """Probability that the result is better than the photo, as it is stated; None if unknown."""
-        sure = None if self.finding is None else self.finding.motion.confidence
+        sure = self.finding.motion.confidence
         return None if sure is None else as_stated(sure)
 
     @property
     def source(self) -> MotionSource | None:
         """Source of the motion; None if it was estimated from the photo's pixels or given."""
-        name = "" if self.finding is None else self.finding.motion.estimator
+        name = self.finding.motion.estimator
         return MotionSource(name) if name in set(MotionSource) else None
-
-    @property
-    def film(self) -> Reason | None:
-        """Why the film inside the photo was not used; None if it was used or the photo has none."""
-        return None if self.finding is None else self.finding.motion.film
-
-    @property
-    def chance(self) -> Chance | None:
-        """What the photo says about whether its camera moved; None if unknown."""
-        return None if self.finding is None else self.finding.motion.chance
 
     @property
     def error_px(self) -> float | None:
@@ -163,9 +145,10 @@ class Verdict:
 
         None if unknown, or if the strength leaves more of it on purpose.
         """
-        if self.finding is None or self.finding.motion.expected_error is None or self.strength != 1:
+        motion = self.finding.motion
+        if motion.expected_error is None or self.strength != 1:
             return None
-        return self.finding.motion.expected_error * self.finding.motion.height
+        return motion.expected_error * motion.height
 
     @property
     def left_px(self) -> float:
@@ -176,10 +159,13 @@ class Verdict:
     def leans(self) -> bool:
         """Whether the photo leans, while the camera may have been rolled as well as moved."""
         unsure = self.reason is not None and _CAUSES.get(self.reason.code) is Cause.UNSURE
-        if not unsure or self.finding is None or self.finding.motion.roll_deg is not None:
-            return False
         pose = self.finding.motion.held_at_rest
-        return pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG
+        return (
+            unsure
+            and self.finding.motion.roll_deg is None
+            and pose is not None
+            and abs(pose.roll_deg) > _LEAST_LEAN_DEG
+        )
 
     @property
     def undoes(self) -> bool:
@@ -199,14 +185,16 @@ class Verdict:
     @property
     def needs_a_look(self) -> bool:
         """Whether a large but unsure motion is undone, so that someone should compare both pictures."""
-        return self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self._rows > 0
+        return (
+            self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.finding.motion.height
+        )
 
     @property
     def least_confidence(self) -> float | None:
         """A least confidence with which a motion would be undone that is left because it is unsure; otherwise None."""
         if self.reason is None or _CAUSES.get(self.reason.code) is not Cause.UNSURE or self.reason.px < LEAST_PX:
             return None
-        if self.confidence is None or not is_measurable(self.reason.px, self._rows):
+        if self.confidence is None or not is_measurable(self.reason.px, self.finding.motion.height):
             return 0.0  # undoes the likeliest motion, whatever is known of it
         return math.floor(10 * self.confidence) / 10
 
@@ -236,11 +224,12 @@ class Verdict:
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         pose, about = self.upright, self.reason.as_json() if self.reason is not None else {}
+        film = self.finding.motion.film
         optional = {
             "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,
             "left_px": round(self.left_px, 2) if self.undoes and self.left_px else None,
             "source": self.source,
-            "film": self.film and self.film.as_json(),
+            "film": film and film.as_json(),
             "upright": pose and {"roll_deg": round(pose.roll_deg, 2), "tilt_deg": pose.tilt_deg},
             "not_upright": self.not_upright and self.not_upright.as_json(),
         }
@@ -248,10 +237,6 @@ class Verdict:
         if self.undoes:
             return data
         return data | {"cause": self.cause, "reason": self.sentence, "code": about["code"], "figures": about["figures"]}
-
-    @property
-    def _rows(self) -> int:
-        return 0 if self.finding is None else self.finding.motion.height
 
     @property
     def _at_confidence(self) -> str:

@@ -219,7 +219,7 @@ def _finding_json(verdict: Verdict) -> dict[str, Any]:
     """Returns the curves of the motion that was found at a few rows, and what is known of the camera."""
     import numpy as np
 
-    motion = verdict.found.motion
+    motion = verdict.finding.motion
     rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
     return {
         "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},

@@ -150,7 +150,7 @@ def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> str:
 
     source, readout_ms = begun.place, request.find.camera.readout_ms
     verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
-    motion = verdict.found.motion
+    motion = verdict.finding.motion
     if motion.reason:
         tell(f"{source}: no motion ({motion.reason})")
     elif not verdict.changes:
@@ -181,7 +181,7 @@ def _list_candidates(begun: Ahead, request: Estimate, tell: Tell) -> str:
     """Returns the candidates of a photo as JSON, and reports each in a line."""
     from unshutter.motion.finding import candidates_to_json
 
-    listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.found.candidates]
+    listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.finding.candidates]
     for number, each in enumerate(listed, 1):
         tell(f"{begun.place}: {number}  {each.described()}")
     return candidates_to_json(listed)

@@ -36,7 +36,7 @@ class Judged:
     @classmethod
     def of(cls, job: Job, outcome: Outcome) -> Judged | None:
         """Returns what became of a photo; None if it says nothing about the others, nor they about it."""
-        chance = None if outcome.verdict is None or outcome.model else outcome.verdict.chance
+        chance = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.motion.chance
         if chance is None:
             return None
         return cls(outcome.group, chance.log_odds, chance.turning_point, job.folder_log_odds or 0.0)
