@@ -19,7 +19,7 @@ import numpy as np
 from unshutter.frames.frame import SequenceOptions
 
 from unshutter.frames.frame_motion import Timing
-from unshutter.frames.neighbours import copy_side, link, render
+from unshutter.frames.neighbours import copy_side, link, render_moment
 from unshutter.frames.sequence_rectification import rectify_between
 from unshutter.options import Clock, FrameModel, Undo
 from unshutter.orientation import Readout
@@ -76,7 +76,7 @@ def measure(height: int, width: int, rounds: int) -> None:
         print(f"  {model or 'chosen':8}", timed(partial(whole, model), rounds))
     print("  flow    ", timed(lambda: link(*small), rounds))
     given = dict(enumerate(pixels)), {1: known}, Timing(RATIO, height)
-    print("  picture ", timed(lambda: render(*given, 0.0), rounds), flush=True)
+    print("  picture ", timed(lambda: render_moment(*given, 0.0), rounds), flush=True)
 
 
 if __name__ == "__main__":

@@ -79,6 +79,8 @@ def test_a_reason_goes_along() -> None:
     sent = _sent(raised.value)
     assert isinstance(sent, UnknownRatioError) and sent.reason == error.reason
     assert str(sent).startswith("b.jpg: the readout ratio cannot be found") and str(sent).endswith(": say it")
+    later = raised.value.with_advice("say more")  # of an error that has its subject
+    assert str(later).startswith("b.jpg: the readout ratio cannot be found") and str(later).endswith(": say more")
 
 
 def test_no_message_is_rewritten_or_asked() -> None:

@@ -19,6 +19,7 @@ from unshutter.options import Rectify
 from unshutter.run.manifest import Manifest
 from unshutter.run.work import Job
 from unshutter.single.register import check_name, method
+from unshutter.storage.targets import Target
 
 ODD = ["", "1e999", "1e308", "-1", "null", "[]", "{}", '"', "NaN", "9" * 400, "[" * 3000, '"last"', "true", "\x00"]
 ODD += ["/", "..", "@", ",", ";", "\n", "\ufeff", "\\"]
@@ -61,7 +62,7 @@ def finished(folder: Path) -> tuple[Path, Job, str]:
     make_photos(folder / "photos", ["a.jpg", "b.png"])
     motion = make_motion(folder / "good.json")
     assert rectify(folder / "photos", "-o", folder / "out", "--motion", motion) == 0
-    job = Job(folder / "photos" / "a.jpg", folder / "out" / "a.rectified.jpg", None, False, 1000)
+    job = Job(folder / "photos" / "a.jpg", (Target(folder / "out" / "a.rectified.jpg"),), False, 1000)
     return folder / "out", job, (folder / "out" / "unshutter-manifest.jsonl").read_text()
 
 
@@ -74,7 +75,7 @@ def test_damaged_manifests(finished: tuple[Path, Job, str], data: st.DataObject)
     def read() -> str:
         manifest = Manifest(out, Rectify(), read_only=True)
         state, prepared = manifest.compared(job)
-        assert all(isinstance(left, (str, type(None))) for left in prepared.left)
+        assert all(isinstance(target.left, (str, type(None))) for target in prepared.targets)
         return state
 
     assert check(read) in ("finished", "another's", "open", None)

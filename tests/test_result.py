@@ -11,6 +11,9 @@ import unshutter
 from support.drawn_photos import drawn
 from support.sure_estimator import Sure
 from unshutter.errors import UnshutterError
+from unshutter.motion.finding import Finding
+from unshutter.motion.rectified import render
+from unshutter.motion.verdict import judge
 from unshutter.options import MIN_CONFIDENCE, Neighbours, Rectify, Undo
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS
@@ -97,11 +100,10 @@ def test_a_copy_needs_no_pixels(photo: Path, tmp_path: Path, monkeypatch: pytest
     original = kind.decode
     monkeypatch.setattr(kind, "decode", lambda *given: decoded.append(1) or original(*given))
     opened = Photo.open(photo)
-    from unshutter.motion.rectified import undo
-
-    undo(opened, unshutter.RowMotion.zero(120, 160), Undo()).save(tmp_path / "out.jpg")
+    still, moved = unshutter.RowMotion.zero(120, 160), unshutter.RowMotion.from_polynomials([0, 9], [0], 120, 160)
+    render(opened, judge(Finding(still), Undo())).save(tmp_path / "out.jpg")
     assert decoded == []
-    undo(opened, unshutter.RowMotion.from_polynomials([0, 9], [0], 120, 160), Undo()).save(tmp_path / "out2.jpg")
+    render(opened, judge(Finding(moved), Undo())).save(tmp_path / "out2.jpg")
     assert decoded == [1]
 
 

@@ -19,13 +19,14 @@ import numpy as np
 
 from unshutter.api import motion_of_lines
 from unshutter.motion import Motion, RowMotion
-from unshutter.motion.verdict import Verdict
+from unshutter.motion.finding import Finding
+from unshutter.motion.verdict import judge
 from unshutter.options import Undo
 from unshutter.photo import Photo
 from unshutter.single.drawn_lines import DrawnLine
 from unshutter.single.estimator import View
 from unshutter.single.likelihood import AngleResiduals, EndPoints, VanishingPoints, likelihood_of, segments_of
-from unshutter.single.methods import chosen, find_candidates
+from unshutter.single.methods import find_candidates
 from unshutter.single.prior import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.single.register import load
 from unshutter.single.search import descend
@@ -79,8 +80,8 @@ def _exams(folders: list[Path], declined: bool) -> Iterator[tuple[str, Exam]]:
                     continue
                 exam = SyntheticCase(suite, folder.name, paths[k].name, paths[k], draw, 0).exam()
                 if declined:
-                    motion = chosen(find_candidates(estimator, exam.view), None)
-                    if Verdict.of(motion, Undo()).changes or _error(None, exam.truth) < 1:
+                    motion = find_candidates(estimator, exam.view)[0].motion
+                    if judge(Finding(motion), Undo()).changes or _error(None, exam.truth) < 1:
                         continue
                 yield f"{folder.name} {paths[k].stem} {draw + 1}", exam
 

@@ -20,7 +20,8 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.motion_photo import film_motion
 from unshutter.motion import RowMotion
-from unshutter.motion.rectified import judged
+from unshutter.motion.finding import Finding
+from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code
@@ -77,7 +78,7 @@ def main() -> None:
             truth, motion = case.motion(), evidence.motion if evidence else None
             zero = RowMotion.zero(HEIGHT, WIDTH)
             nothing.append(motion_error(zero, truth).epe)
-            undone += motion is not None and judged(motion, Undo(), HEIGHT, WIDTH)[1].changes
+            undone += motion is not None and judge(Finding(motion).fit(HEIGHT, WIDTH), Undo()).changes
             if motion is not None and not motion.is_zero:
                 errors.append(motion_error(motion, truth).epe)
                 answers.append(f"moved ({motion.largest_px * 256 / HEIGHT:.1f})")

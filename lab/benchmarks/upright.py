@@ -21,9 +21,11 @@ import cv2
 import numpy as np
 
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
-from unshutter.motion.rectified import judged, undo_judged
+from unshutter.motion.rectified import render
 from unshutter.motion.upright import Pose
+from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
 from unshutter.single.estimator import View
@@ -64,8 +66,8 @@ def main() -> None:
             view = View(Photo.from_array(rs), Camera(focal_px=View(photo).known_focal_px()), View(photo).focal_px())
             found, shown = find_candidates(estimator, view)[0].motion, [rs]
             for wish in (None, "level", "full"):
-                motion, verdict = judged(found, Undo(upright=wish), *rs.shape[:2])
-                done = undo_judged(view.photo, motion, verdict, "keep")
+                verdict = judge(Finding(found).fit(*rs.shape[:2]), Undo(upright=wish))
+                done = render(view.photo, verdict, "keep")
                 errors = _left(done.motion, verdict.upright, truth, true, wish != "full")
                 if wish is None and not verdict.changes:
                     told["leans" if errors[0] > 1 else "upright"].append(verdict.leans)

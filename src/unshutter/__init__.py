@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from unshutter.frames.sequence import estimate_frames
     from unshutter.frames.sequence_rectification import RectifiedFrame, rectify_frames
     from unshutter.motion import Motion, RotationMotion, RowMotion
+    from unshutter.motion.finding import Candidate
     from unshutter.motion.rectified import Rectified
-    from unshutter.motion.verdict import Candidate
     from unshutter.orientation import Readout
     from unshutter.photo import Photo
     from unshutter.single import Method
@@ -69,8 +69,8 @@ _HOMES = {
     "frames.sequence": ("estimate_frames",),
     "frames.sequence_rectification": ("RectifiedFrame", "rectify_frames"),
     "motion": ("Motion", "RotationMotion", "RowMotion"),
+    "motion.finding": ("Candidate",),
     "motion.rectified": ("Rectified",),
-    "motion.verdict": ("Candidate",),
     "orientation": ("Readout",),
     "photo": ("Photo",),
     "single": ("Method",),

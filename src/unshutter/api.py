@@ -6,28 +6,22 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
+from unshutter.frames.find import find
 from unshutter.motion import Motion
-from unshutter.motion.rectified import Rectified, undo
-from unshutter.motion.verdict import Candidate, alone
+from unshutter.motion.finding import Candidate, Finding
+from unshutter.motion.rectified import Rectified, render
+from unshutter.motion.verdict import judge
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo, Upright
 from unshutter.options.fields import check_type, for_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, open_photo
-from unshutter.reasons import MOST_STATED
 from unshutter.single.drawn_lines import DrawnLine, StraightenedLines, motion_from_lines, read_lines
 from unshutter.single.estimator import Estimator, View
-from unshutter.single.methods import DoNothing, chosen, find_candidates
 from unshutter.single.network import SegmentNetwork
-from unshutter.single.prospects import MOST_IN_FOLDER
-from unshutter.single.register import load, method
+from unshutter.single.register import method
 from unshutter.storage.opened import Opened
-
-if TYPE_CHECKING:
-    from unshutter.frames.motion_photo import FilmEvidence
-
 
 # ---- for users ------------------------------------------------------------------------------------------
 
@@ -85,24 +79,24 @@ def rectify(
         (False, 'no visible motion, confidence 0.9...')
     """
     keywords = locals()
-    camera, undoing, motion_file = from_keywords(Camera, keywords), from_keywords(Undo, keywords), motion
+    camera, undo = from_keywords(Camera, keywords), from_keywords(Undo, keywords)
+    given = None
     if motion is not None:
         camera.check_unused()
-        undoing = undoing.at_any_confidence()
+        undo = undo.at_any_confidence()
         check_type("motion", motion, (Motion, str, os.PathLike), "a Motion or the path of a motion file")
-        motion = motion if isinstance(motion, Motion) else Motion.load(motion)
+        given = Finding(motion if isinstance(motion, Motion) else Motion.load(motion))
     source = open_photo(photo)
-    if isinstance(motion_file, (str, os.PathLike)):
-        source = replace(source, made_from=(*source.made_from, Opened.at(motion_file)))
+    if isinstance(motion, (str, os.PathLike)):
+        source = replace(source, made_from=(*source.made_from, Opened.at(motion)))
     check_size(source.height, source.width)
-    if motion is None:
-        grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
-        source.start_decoding(grey_px=grey_px)  # in parallel with loading the estimator
-        camera = camera.for_least_confidence(undoing.min_confidence)
-        possible = photo_candidates(source, _loaded(estimator), camera)
-        return replace(undo(source, chosen(possible, camera.candidate), undoing, camera.readout), candidates=possible)
-    source.start_decoding()
-    return undo(source, motion, undoing, camera.readout)
+    by_name = given is None and isinstance(_checked(estimator), str)
+    source.start_decoding(grey_px=method(str(estimator)).grey_px if by_name else None)  # while the estimator is loaded
+    if given is None:
+        finding = find(source, estimator, camera.for_least_confidence(undo.min_confidence)).choose(camera.candidate)
+    else:
+        finding = given.fit(source.height, source.width, camera.readout)
+    return render(source, judge(finding, undo), undo.edges)
 
 
 @for_python(Camera, Undo, Find)
@@ -146,7 +140,7 @@ def estimate(
     source = open_photo(photo)
     check_size(source.height, source.width)
     if lines is None:
-        return estimate_photo(source, _loaded(estimator), camera).rereferenced(row)
+        return find(source, _checked(estimator), camera).choose(camera.candidate).motion.rereferenced(row)
     check_type("lines", lines, (Sequence, os.PathLike), "a list of DrawnLine or the path of a file of lines")
     drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
     return motion_of_lines(source, drawn, camera).motion.rereferenced(row)
@@ -189,15 +183,10 @@ def candidates(
     camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
     if candidate is not None:
         raise UsageError("candidates() lists all motions: leave out candidate, or give it to estimate() or rectify()")
-    return photo_candidates(open_photo(photo), _loaded(estimator), camera, row)
+    return tuple(each.rereferenced(row) for each in find(open_photo(photo), _checked(estimator), camera).candidates)
 
 
-# ---- from a photo to its motion -----------------------------------------------------------------------------
-
-
-def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion:
-    """Estimates the motion of a photo, with the first row as the reference."""
-    return chosen(photo_candidates(photo, estimator, camera), camera.candidate)
+# ---- from lines drawn in a photo to its motion ---------------------------------------------------------------
 
 
 def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) -> StraightenedLines:
@@ -206,36 +195,6 @@ def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) ->
     return motion_from_lines(View(photo, camera), lines, network)
 
 
-def photo_candidates(
-    photo: Photo, estimator: Estimator, camera: Camera, reference: Reference = "first"
-) -> tuple[Candidate, ...]:
-    """Finds the motions that fit a photo, best first: from the film inside it, otherwise from the estimator.
-
-    Their probabilities are as they are stated everywhere (reasons.py).
-    """
-    check_size(photo.height, photo.width)
-    view = View(photo, camera)
-    evidence = _film_evidence(view, estimator)
-    if evidence is not None and evidence.motion is not None:
-        possible = alone(view.noted(evidence.motion), photo.orientation)
-    else:
-        unused = None if evidence is None else evidence.reason
-        found = find_candidates(estimator, view)
-        possible = tuple(replace(each, motion=replace(each.motion, film=unused)) for each in found)
-    most = MOST_IN_FOLDER if camera.folder_log_odds else MOST_STATED
-    referred = (replace(each, motion=each.motion.rereferenced(reference)) for each in possible)
-    return tuple(each.as_stated(most) for each in referred)
-
-
-def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:
-    """Returns the evidence from the film inside a photo; None if there is no film or it is not to be used."""
-    if view.camera.no_film or isinstance(estimator, DoNothing) or view.photo.film() is None:
-        return None
-    from unshutter.frames.motion_photo import film_motion  # imported here because few photos have a film
-
-    return film_motion(view)
-
-
-def _loaded(estimator: str | Estimator) -> Estimator:
+def _checked(estimator: str | Estimator) -> str | Estimator:
     check_type("estimator", estimator, (str, Estimator), "the name of a method or an Estimator")
-    return load(estimator) if isinstance(estimator, str) else estimator
+    return estimator

@@ -174,7 +174,9 @@ class UnknownRatioError(UnshutterError):
 
     def with_advice(self, advice: str) -> Self:
         """Returns the error with advice for the user."""
-        return type(self)(self.args[0], self.reason, advice)
+        advised = type(self)(self.args[0], self.reason, advice)
+        advised.files, advised.subject, advised.names = self.files, self.subject, self.names
+        return advised
 
     @classmethod
     def _of(cls, reason: Reason) -> Self:

@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter import errors
-from unshutter.api import estimate_photo
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.find import find as find_motion
 from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
-from unshutter.motion.rectified import fitted
-from unshutter.motion.verdict import Speed, Verdict
+from unshutter.motion.verdict import Speed, judge
 from unshutter.options import MAX_PIXELS, Find, Reference, Undo
 from unshutter.photo import Photo
 from unshutter.photo.film import films_beside
 from unshutter.photo.libvips import libvips, refusing
-from unshutter.single.register import load, weights_file
+from unshutter.single.register import weights_file
 from unshutter.storage.files import check_target, read_text, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles
 
@@ -126,11 +126,12 @@ def map_file(
     if source.suffix.lower() == ".json":
         find.camera.check_unused()
         motion = Motion.load(source)
-        motion = fitted(motion, *motion.readout.frame_size(motion.height, motion.width), find.camera.readout)
+        height, width = motion.readout.frame_size(motion.height, motion.width)
+        finding = Finding(motion).fit(height, width, find.camera.readout)
     else:
-        motion = estimate_photo(Photo.open(source), load(find.estimator), find.camera)
-    motion = motion.rereferenced(reference or motion.reference)
-    motion = fitted(motion, *map_size) if map_size else motion
+        finding = find_motion(Photo.open(source), find.estimator, find.camera).choose(find.camera.candidate)
+    motion = finding.motion.rereferenced(reference or finding.motion.reference)
+    motion = Finding(motion).fit(*map_size).motion if map_size else motion
     PixelMap.of(motion, inverse).save(output, overwrite)
     return motion
 
@@ -329,7 +330,7 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
     axes[0].set_ylabel("row")
     axes[0].invert_yaxis()
     name = f"{title} ({motion.estimator})" if title else motion.estimator
-    verdict = Verdict.of(motion, Undo())
+    verdict = judge(Finding(motion), Undo())
     about = verdict.described() if verdict.changes else f"left unchanged ({verdict.described()})"
     figure.suptitle(f"{name}\n{about}", fontsize=10)
     _save(figure, Path(path))

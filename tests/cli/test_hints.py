@@ -252,7 +252,7 @@ def test_following_a_hint_changes_the_answer(
 
 
 def test_the_confidence_that_is_named_changes_a_photo(photo: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: Sure(0.36))
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: Sure(0.36))
     assert main(["rectify", str(photo)]) == 0
     advice = re.search(r"(--min-confidence [\d.]+) would move it", capsys.readouterr().err)
     assert advice is not None

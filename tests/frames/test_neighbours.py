@@ -5,7 +5,7 @@ import pytest
 from support.frame_pairs import HEIGHT, WIDTH, Scene, off
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import Timing
-from unshutter.frames.neighbours import link, render
+from unshutter.frames.neighbours import link, render_moment
 from unshutter.reasons import Code
 
 
@@ -18,7 +18,7 @@ def rectified(scene, ratio, moment, numbers=(0, 1), **options):
     frames = {number: scene.frame(number, ratio) for number in numbers}
     sides = [number for number in numbers if number]
     links = {side: link(small(frames[min(side, 0)]), small(frames[max(side, 0)])) for side in sides}
-    return frames[0], render(frames, links, Timing(ratio, HEIGHT), moment, **options)
+    return frames[0], render_moment(frames, links, Timing(ratio, HEIGHT), moment, **options)
 
 
 @pytest.mark.parametrize("numbers", [(0, 1), (-1, 0), (-1, 0, 1)])
@@ -57,7 +57,7 @@ def test_frames_may_come_unevenly(side) -> None:
     frames = {0: scene.frame(0, ratio), side: scene.frame(apart * side, ratio)}
     pair = [small(frames[number]) for number in sorted(frames)]
     truth = scene.at(0.4)
-    view, even = (render(frames, {side: link(*pair, each)}, Timing(ratio, HEIGHT), 0.4) for each in (apart, 1.0))
+    view, even = (render_moment(frames, {side: link(*pair, each)}, Timing(ratio, HEIGHT), 0.4) for each in (apart, 1.0))
     assert off(view.pixels, truth, view.valid) < 1.5
     assert off(even.pixels, truth, even.valid) > 5
 
@@ -89,7 +89,7 @@ def noisy(picture, seed, sigma=4.0):
 
 
 def of_two(first, second, moment=0.4):
-    return render({0: first, 1: second}, {1: link(small(first), small(second))}, Timing(0.8, HEIGHT), moment)
+    return render_moment({0: first, 1: second}, {1: link(small(first), small(second))}, Timing(0.8, HEIGHT), moment)
 
 
 def test_identical_frames() -> None:

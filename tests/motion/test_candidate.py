@@ -8,7 +8,8 @@ import pytest
 
 import unshutter
 from unshutter import Candidate, Motion, RowMotion, UsageError
-from unshutter.motion.verdict import Verdict, alone
+from unshutter.motion.finding import Finding, list_single
+from unshutter.motion.verdict import judge
 from unshutter.options import Undo
 from unshutter.reasons import Code, Reason
 
@@ -63,7 +64,7 @@ def test_one_number_is_the_same_wherever_it_is_stated(found: float, stated: floa
     numbers = candidate.probability, candidate.motion.confidence, candidate.as_json()["probability"]
     assert numbers == (stated,) * 3
     assert f"{stated:.2f}" in candidate.described() and f"{stated:.2f}" in str(candidate.motion.reason)
-    assert Verdict.of(motion, Undo()).confidence == stated  # of a motion from elsewhere
+    assert judge(Finding(motion), Undo()).confidence == stated  # of a motion from elsewhere
 
 
 def test_that_nothing_helps_is_never_ruled_out() -> None:
@@ -76,8 +77,8 @@ def test_all_candidates_are_listed_or_one_is_chosen(basilica: tuple[np.ndarray, 
 
 
 def test_a_method_that_finds_one_motion_has_two_candidates() -> None:
-    assert [each.kind for each in alone(pan(24))] == ["other", "still"]
-    assert [each.kind for each in alone(RowMotion.zero(9, 9))] == ["still"]
+    assert [each.kind for each in list_single(pan(24))] == ["other", "still"]
+    assert [each.kind for each in list_single(RowMotion.zero(9, 9))] == ["still"]
 
 
 def test_the_shares_of_the_kinds_are_kept_in_motion_files() -> None:

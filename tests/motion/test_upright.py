@@ -12,9 +12,10 @@ from support.batches import make_photos, rectify
 from support.shaken_scenes import shake
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.upright import NONE_STATED, Pose, Stated
-from unshutter.motion.verdict import Verdict
+from unshutter.motion.verdict import judge
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import Camera, Rectify, Undo
 from unshutter.orientation import Orientation, Readout
@@ -160,11 +161,11 @@ MOVED = RowMotion.from_polynomials([0, 20], [0], HEIGHT, WIDTH, confidence=0.97)
     ],
 )
 def test_a_photo_that_is_turned_is_changed(motion: RowMotion, wish, words: str) -> None:
-    verdict = Verdict.of(motion, Undo(upright=wish))
+    verdict = judge(Finding(motion), Undo(upright=wish))
     assert verdict.described() == words
     assert verdict.changes and verdict.as_json()["changed"] and verdict.cause is None
-    assert verdict.undone(motion).is_zero == motion.is_zero
-    assert not Verdict.of(motion, Undo()).upright
+    assert verdict.motion.is_zero == motion.is_zero
+    assert not judge(Finding(motion), Undo()).upright
 
 
 @pytest.mark.parametrize(("stated", "levelled"), [({"tilt_deg": 0}, False), ({"roll_deg": 15, "tilt_deg": 0}, True)])
@@ -173,7 +174,7 @@ def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: b
     photo = Photo.from_array(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     monkeypatch.setattr(Photo, "attitude", Attitude(15.0, 0.0, "accelerometer (Acme)", Readout.TOP_TO_BOTTOM))
     view = View(photo, Camera(**stated))
-    verdict = Verdict.of(view.noted(view.no_motion("me", Reason(Code.NO_VISIBLE_MOTION))), Undo(upright="level"))
+    verdict = judge(Finding(view.noted(view.no_motion("me", Reason(Code.NO_VISIBLE_MOTION)))), Undo(upright="level"))
     assert verdict.changes == levelled
     assert (verdict.not_upright is None) == levelled
     assert levelled or verdict.not_upright.code is Code.TOO_ASKEW
@@ -181,9 +182,9 @@ def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: b
 
 def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
     upright = replace(STILL, held_at_rest=Pose(0.05, 0.0, FOCAL))
-    verdict = Verdict.of(upright, Undo(upright="full"))
+    verdict = judge(Finding(upright), Undo(upright="full"))
     assert not verdict.changes and verdict.cause is Cause.NO_MOTION
-    verdict = Verdict.of(STILL, Undo(upright="level"))
+    verdict = judge(Finding(STILL), Undo(upright="level"))
     assert not verdict.changes
     assert verdict.described().startswith("the photo does not show how the camera was held; no visible motion")
     assert verdict.as_json()["not_upright"]["code"] == "pose-unknown"
@@ -192,13 +193,13 @@ def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
 def test_a_photo_that_leans_says_what_straightens_it_either_way() -> None:
     unsure = posed(replace(STILL, reason=Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.7)))
     line = "leans: the camera was turned, or moved; --upright straightens it either way"
-    assert line in about(Verdict.of(unsure, Undo()))
+    assert line in about(judge(Finding(unsure), Undo()))
     for other in (
         posed(STILL),
         replace(unsure, roll_deg=1.4),
         replace(unsure, held_at_rest=replace(HELD, roll_deg=0.9)),
     ):
-        assert "leans" not in about(Verdict.of(other, Undo()))
+        assert "leans" not in about(judge(Finding(other), Undo()))
 
 
 @pytest.mark.parametrize("moves", [False, True])

@@ -7,7 +7,8 @@ import pytest
 
 from unshutter.errors import UsageError
 from unshutter.motion import RotationMotion, RowMotion
-from unshutter.motion.verdict import Verdict
+from unshutter.motion.finding import Finding
+from unshutter.motion.verdict import judge
 from unshutter.options import Rectify, Undo
 from unshutter.reasons import Cause, Code, Reason
 from unshutter.run.report import about
@@ -66,7 +67,7 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
     ],
 )
 def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause: str, told: str | None) -> None:
-    verdict = Verdict.of(motion, Undo(min_confidence=least))
+    verdict = judge(Finding(motion), Undo(min_confidence=least))
     assert verdict.cause == (cause or None)
     assert verdict.changes == (not cause) == (verdict.reason is None) == (not verdict.sentence)
     assert told in (None, about(verdict))
@@ -82,8 +83,8 @@ def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause:
     ],
 )
 def test_a_strength_says_what_it_leaves_instead_of_the_error_of_all(strength: float, said: str, left_px) -> None:
-    motion = replace(sheared(40.0, 0.93), expected_error=0.026).scaled(strength)
-    verdict = Verdict.of(motion, Undo(strength=strength))
+    motion = replace(sheared(40.0, 0.93), expected_error=0.026)
+    verdict = judge(Finding(motion), Undo(strength=strength))
     assert verdict.described() == f"up to {40 * strength:.0f} px, confidence 0.93: likely, {said}"
     assert verdict.as_json().get("left_px") == left_px
     assert ("expected_error_px" in verdict.as_json()) == (strength == 1)
@@ -94,25 +95,25 @@ def test_what_is_advised_where_a_motion_is_hardly_measurable_undoes_it(code: Cod
     """1.5 px of 600 rows: any least confidence but 0 calls that no visible motion."""
     found = replace(RowMotion.from_polynomials([0, 1.5], [0], 600, 400), confidence=0.6)
     reason = Reason.of(code, confidence=0.6, px=1.5)
-    told = about(Verdict.of(replace(found.scaled(0), reason=reason), Undo()))
+    told = about(judge(Finding(replace(found.scaled(0), reason=reason)), Undo()))
     assert told.endswith("; --min-confidence 0 would move it by up to 1.5 px")
-    assert Verdict.of(found, Undo(min_confidence=0)).changes
+    assert judge(Finding(found), Undo(min_confidence=0)).changes
 
 
 def test_what_is_said_to_be_enough_is_enough() -> None:
-    verdict = Verdict.of(sheared(124, 0.36), Undo(min_confidence=0.5))
+    verdict = judge(Finding(sheared(124, 0.36)), Undo(min_confidence=0.5))
     enough = float(about(verdict).partition("--min-confidence ")[2].split()[0])
-    assert Verdict.of(sheared(124, 0.36), Undo(min_confidence=enough)).changes
+    assert judge(Finding(sheared(124, 0.36)), Undo(min_confidence=enough)).changes
 
 
 def test_no_strength_changes_nothing_and_says_so() -> None:
-    verdict = Verdict.of(sheared(30, 0.9).scaled(0), Undo(strength=0))
+    verdict = judge(Finding(sheared(30, 0.9).scaled(0)), Undo(strength=0))
     assert (verdict.cause, verdict.sentence) == (Cause.STRENGTH_0, "a strength of 0 undoes nothing")
 
 
 def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
     motion = sheared(124, 0.36)
-    left = Verdict.of(motion, Undo(min_confidence=0.5)).undone(motion)
+    left = judge(Finding(motion), Undo(min_confidence=0.5)).motion
     assert left.is_zero
     assert (left.confidence, left.reason, left.width) == (0.36, Reason.of(Code.UNSURE, confidence=0.36, px=124.0), 100)
 
@@ -147,7 +148,7 @@ def test_a_confidence_that_cannot_be(wrong: float) -> None:
 def test_a_large_motion_that_is_unsure_asks_for_a_look(
     tx_px: float, confidence: float, certainty: str, look: bool
 ) -> None:
-    verdict = Verdict.of(sheared(tx_px, confidence), Undo())
+    verdict = judge(Finding(sheared(tx_px, confidence)), Undo())
     assert (verdict.certainty, verdict.needs_a_look) == (certainty, look)
     assert ("please look" in verdict.described()) == look
     assert (verdict.as_json()["certainty"], verdict.as_json()["please_look"]) == (certainty, look)

@@ -12,7 +12,7 @@ from unshutter import RowMotion, rectify
 from unshutter.photo import Photo
 from unshutter.photo.formats import WRITTEN
 from unshutter.photo.libvips import libvips
-from unshutter.photo.saving import not_written
+from unshutter.photo.saving import describe_left_out
 
 WITH_IPTC = jpeg_with(drawn(96, 128), (0xED, b"Photoshop 3.0\0" + image_resources((1028, TITLE))), exif=full_exif())
 
@@ -43,10 +43,10 @@ def test_the_command_says_it_in_the_photos_line(tmp_path: Path) -> None:
 
 
 def test_the_line_names_four_parts_and_counts_the_rest() -> None:
-    assert not_written(()) == ""
-    assert not_written(("GPS",)) == "not written: GPS"
-    assert not_written(("GPS", "IPTC", "GPS")) == "not written: GPS and IPTC"
-    assert not_written("abcdef") == "not written: a, b, c, d and 2 more"
+    assert describe_left_out(()) == ""
+    assert describe_left_out(("GPS",)) == "not written: GPS"
+    assert describe_left_out(("GPS", "IPTC", "GPS")) == "not written: GPS and IPTC"
+    assert describe_left_out("abcdef") == "not written: a, b, c, d and 2 more"
 
 
 def test_nothing_is_named_that_was_never_there() -> None:

@@ -31,7 +31,7 @@ class ByFolder(Sure):
 
 @pytest.fixture
 def take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByFolder(0.9))
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: ByFolder(0.9))
 
     def photos(**kinds: int) -> Path:
         names = [f"{kind[0]}{k:02}.png" for kind, count in kinds.items() for k in range(count)]

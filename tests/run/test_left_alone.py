@@ -31,7 +31,7 @@ class ByName(Sure):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     make_photos(tmp_path / "in", PHOTOS)
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByName(None))
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: ByName(None))
     return tmp_path / "in"
 
 
@@ -57,7 +57,7 @@ def test_what_to_do_next_ends_the_summary(folder: Path, capsys: pytest.CaptureFi
 
 def test_the_summary_names_moving_where_it_is_unsure_whether_the_camera_moved(folder, capsys, monkeypatch) -> None:
     doubtful = Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.6)
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: Sure(None, reason=doubtful))
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: Sure(None, reason=doubtful))
     assert rectify(folder, "-o", folder.parent / "out") == 0
     assert "if the camera moved: --moving" in capsys.readouterr().err.splitlines()[-1]
 
@@ -170,7 +170,7 @@ def test_a_copy_never_replaces_another_file(folder: Path, capsys: pytest.Capture
 
 
 def test_formats_that_are_only_read_are_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByName(None))
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: ByName(None))
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "unsure.HEIC").write_bytes(heic(np.full((80, 90, 3), 128, np.uint8)))
     (tmp_path / "in" / "unsure.DNG").write_bytes(dng(linear(np.full((80, 90, 3), 128, np.uint8))))

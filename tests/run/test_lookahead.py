@@ -1,7 +1,9 @@
 """What is worked on ahead comes out as without."""
 
 import threading
+from collections.abc import Iterator
 from pathlib import Path
+from weakref import WeakSet
 
 import numpy as np
 import pytest
@@ -10,14 +12,16 @@ import unshutter
 from support.batches import rectify
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
-from unshutter.motion.verdict import Candidate
-from unshutter.options import Camera, Find, Rectify
+from unshutter.motion.finding import Candidate, Finding
+from unshutter.options import MAX_PIXELS, Camera, Find, Rectify, Undo
 from unshutter.photo import Photo
-from unshutter.run import work
-from unshutter.run.work import Job, Lookahead, finish_job
+from unshutter.run import ahead
+from unshutter.run.ahead import Ahead, Wanted, look_ahead
+from unshutter.run.work import Job, finish_job
 from unshutter.single import network, register
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import Manhattan, SegmentManhattan
+from unshutter.storage.targets import Target, TargetKind
 
 
 @pytest.fixture
@@ -41,41 +45,65 @@ def test_the_command_line_gives_what_python_gives(ending: str, rolling_facade: n
     assert out.read_bytes() == given.read_bytes()
 
 
-def test_photos_come_in_order_with_some_left_out_and_once_more(photos: list[Path]) -> None:
-    lookahead = Lookahead(photos, None)
-    assert [lookahead.take(photos[k]).photo.width for k in (0, 1, 3)] == [560, 550, 530]
-    assert lookahead.take(photos[0]).photo.width == 560  # once more
-    lookahead = Lookahead(photos, None)
-    assert lookahead.take(photos[1]).photo.width == 550  # the first is left out
+def begin(photos: list[Path], find: Find | None, max_pixels: int = MAX_PIXELS) -> Iterator[Ahead]:
+    return look_ahead(photos, Wanted(find, Undo(), max_pixels))
 
 
-def test_what_cannot_be_opened_is_said_where_it_is_taken(photos: list[Path]) -> None:
-    lookahead = Lookahead(photos[1:], Find("none"))
-    assert lookahead.take(photos[1]).motion().reason
-    ahead = lookahead.take(photos[2])
-    for ask in (lambda: ahead.photo, ahead.motion):
+def found(begun: Ahead) -> Motion:
+    return begun.verdict.finding.motion
+
+
+def test_photos_come_in_order_and_a_run_may_leave_some_out(photos: list[Path], tmp_path: Path) -> None:
+    begun = begin(photos, None)
+    assert [next(begun).photo.width, next(begun).photo.width] == [560, 550]
+    next(begun)  # which is none, and not used
+    assert next(begun).photo.width == 530
+    assert next(begun, None) is None
+    begun = begin(photos, Find("none"))
+    jobs = [
+        Job(photos[k], (Target(tmp_path / f"{k}.jpg", TargetKind.UNCHANGED),), False, MAX_PIXELS) for k in (1, 3, 0)
+    ]
+    for job in jobs:  # the last one again, when all are through
+        assert finish_job(job, Rectify(Find("none")), None, begun).picture == job.targets[0].place
+
+
+def test_two_photos_are_held_at_a_time(photos: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    held: WeakSet[Photo] = WeakSet()
+    opening = ahead.open_input
+    monkeypatch.setattr(ahead, "open_input", lambda *given: [photo := opening(*given), held.add(photo)][0])
+    photos[2].write_bytes(photos[1].read_bytes())
+    for begun in begin(photos, None):
+        assert begun.photo.height == 420
+        assert len(held) <= 2
+
+
+def test_what_cannot_be_opened_is_said_where_it_is_used(photos: list[Path]) -> None:
+    begun = begin(photos[1:], Find("none"))
+    assert found(next(begun)).reason
+    bad = next(begun)
+    for ask in (lambda: bad.photo, lambda: bad.verdict):
         with pytest.raises(UnshutterError, match="is not a JPEG"):
             ask()
-    assert lookahead.take(photos[3]).photo.width == 530
+    assert next(begun).photo.width == 530
 
 
-def test_what_is_taken_is_what_is_there_when_it_is_opened(photos: list[Path], rolling_facade: np.ndarray) -> None:
-    assert Lookahead(photos[:1], None).take(photos[0]).photo.height == 420
+def test_what_is_used_is_what_is_there_when_it_is_opened(photos: list[Path], rolling_facade: np.ndarray) -> None:
+    assert next(begin(photos[:1], None)).photo.height == 420
     Photo.from_array(rolling_facade[:200]).save(photos[0], overwrite=True)
-    assert Lookahead(photos[:1], None).take(photos[0]).photo.height == 200
+    assert next(begin(photos[:1], None)).photo.height == 200
 
 
 def test_a_photo_beyond_the_limit_is_refused(photos: list[Path]) -> None:
     with pytest.raises(UnshutterError, match="more than the limit"):
-        _ = Lookahead(photos[:1], None, max_pixels=1000).take(photos[0]).photo
+        _ = next(begin(photos[:1], None, max_pixels=1000)).photo
 
 
 def test_an_estimator_that_cannot_be_loaded_is_said_at_once_and_nobody_waits(photos: list[Path]) -> None:
     before = threading.active_count()
     with pytest.raises(UsageError, match="unknown estimator"):
-        Lookahead(photos, Find("magic"))
+        begin(photos, Find("magic"))
     with pytest.raises(UnshutterError, match="no such file"):
-        Lookahead(photos, Find("segment-transformer@missing.onnx"))
+        begin(photos, Find("segment-transformer@missing.onnx"))
     assert threading.active_count() <= before + 4  # their threads end with them
 
 
@@ -113,31 +141,28 @@ class Counting(Estimator):
 
 @pytest.fixture
 def counting(monkeypatch: pytest.MonkeyPatch) -> Counting:
-    """What Lookahead loads, whatever it is asked for."""
+    """What is loaded, whatever is asked for."""
     estimator = Counting(register.method("none"), None)
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: estimator)
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: estimator)
     return estimator
 
 
 def test_each_photo_is_estimated_once(photos: list[Path], counting: Counting) -> None:
-    lookahead = Lookahead(photos[:2], Find("none"))
-    for k in (0, 1):
-        ahead = lookahead.take(photos[k])
+    for k, begun in enumerate(begin(photos[:2], Find("none"))):
         for _ in range(2):  # the answer stays
-            assert str(ahead.motion().reason) == f"asked {k + 1} times about {560 - 10 * k} columns"
+            assert str(found(begun).reason) == f"asked {k + 1} times about {560 - 10 * k} columns"
 
 
 def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(photos: list[Path], counting: Counting) -> None:
     counting.fail_at = 1
-    ahead = Lookahead(photos[:1], Find("none")).take(photos[0])
-    assert str(ahead.motion().reason).startswith("asked 2 times")
+    assert str(found(next(begin(photos[:1], Find("none")))).reason).startswith("asked 2 times")
     counting.fail_at = 4
-    ahead = Lookahead(photos[:1], Find("none")).take(photos[0])
-    assert str(ahead.motion().reason).startswith("asked 3 times")
+    begun = next(begin(photos[:1], Find("none")))
+    assert str(found(begun).reason).startswith("asked 3 times")
     for counting.fail_at in range(5, 8):
         with pytest.raises(UnshutterError, match="not this time"):
             counting.asked = counting.fail_at - 1
-            ahead._estimate()
+            begun.judge_again(begun.photo)
 
 
 def test_the_network_is_opened_while_the_first_photo_is_looked_at(
@@ -146,7 +171,7 @@ def test_the_network_is_opened_while_the_first_photo_is_looked_at(
     looked = threading.Event()
     monkeypatch.setattr(Counting, "estimate", lambda self, view: looked.set() or view.no_motion(self.name, "none"))
     monkeypatch.setattr(Counting, "prepare", lambda self: None if looked.wait(60) else pytest.fail("it was waited for"))
-    assert Lookahead(photos[:1], Find("none")).take(photos[0]).motion().reason
+    assert found(next(begin(photos[:1], Find("none")))).reason
 
 
 @pytest.mark.parametrize("options", [(), ("--estimator", "manhattan"), ("--focal-px", "900")])
@@ -199,9 +224,9 @@ def test_a_camera_that_is_known_reaches_the_view(photos: list[Path], monkeypatch
             seen.append(view.camera)
             return super().estimate(view)
 
-    monkeypatch.setattr("unshutter.run.work.load", lambda name: Seeing(register.method("none"), None))
+    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: Seeing(register.method("none"), None))
     camera = Camera("bottom-to-top", 700.0, 2.0, -3.0)
-    Lookahead(photos[:1], Find("none", camera)).take(photos[0]).motion()
+    found(next(begin(photos[:1], Find("none", camera))))
     assert seen == [camera]
 
 
@@ -218,7 +243,7 @@ def test_a_motion_that_is_known_is_not_estimated(
     photos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     photo = Photo.open(photos[0])
-    known = RowMotion(photo.width, np.linspace(0, 40, photo.height), np.zeros(photo.height)).to_json()
-    monkeypatch.setattr(work, "load", lambda name: pytest.fail("the estimator was loaded"))
-    job = Job(photos[0], tmp_path / "saved.jpg", None, overwrite=False, max_pixels=10**9)
-    assert finish_job(job, Rectify(), known).picture == job.target
+    known = Finding(RowMotion(photo.width, np.linspace(0, 40, photo.height), np.zeros(photo.height)))
+    monkeypatch.setattr(ahead, "load", lambda name: pytest.fail("the estimator was loaded"))
+    job = Job(photos[0], (Target(tmp_path / "saved.jpg"),), False, 10**9)
+    assert finish_job(job, Rectify(), known).picture == job.picture

@@ -17,6 +17,7 @@ from unshutter.run.plan import Plan
 from unshutter.run.report import Report
 from unshutter.run.work import Job, Outcome
 from unshutter.run.workers import processes
+from unshutter.storage.targets import Target
 
 MANIFEST = "unshutter-manifest.jsonl"
 
@@ -36,7 +37,7 @@ def crash_on_b(job: Job) -> Outcome:
 
 
 def test_a_photo_that_kills_its_worker_costs_nothing_but_itself(tmp_path: Path, capsys) -> None:
-    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdefgh"]
+    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdefgh"]
     with Report(Plan(jobs)) as report, processes(2) as workers:
         Batch(crash_on_b, workers, None, report).run(jobs)
     assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
@@ -54,7 +55,7 @@ class BreaksWhenGiven(InThisProcess):
 
 
 def test_a_worker_that_dies_between_two_jobs_costs_nothing(tmp_path: Path) -> None:
-    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdef"]
+    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdef"]
     with Report(Plan(jobs)) as report:
         workers = Workers(BreaksWhenGiven(), 2, InThisProcess)
         Batch(lambda job: Outcome(), workers, None, report).run(jobs)
@@ -109,7 +110,7 @@ def hang_on_b(job: Job) -> Outcome:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_photo_that_hangs_is_given_up_and_the_others_are_done(count: int, tmp_path: Path, capsys) -> None:
-    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdefgh"]
+    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdefgh"]
     start = time.monotonic()
     with Report(Plan(jobs)) as report, processes(count, timeout_s=2) as workers:
         Batch(hang_on_b, workers, None, report).run(jobs)

@@ -8,37 +8,38 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_photos, rectify, results
+from unshutter.errors import UnshutterError
 from unshutter.options import Find, Rectify
 from unshutter.run.manifest import NAME, Manifest
 from unshutter.run.work import Job, Outcome
 from unshutter.storage import files, locations
 from unshutter.storage.locations import digest, fingerprint
+from unshutter.storage.targets import Target, Written
 
 
 @pytest.fixture
 def job(tmp_path: Path) -> Job:
     (tmp_path / "out").mkdir()
     (tmp_path / "a.jpg").write_bytes(b"photo")
-    return Job(tmp_path / "a.jpg", tmp_path / "out" / "a.rectified.jpg", None, False, 1)
+    return Job(tmp_path / "a.jpg", (Target(tmp_path / "out" / "a.rectified.jpg"),), False, 1)
 
 
 def done(manifest: Manifest, job: Job, data: bytes = b"result") -> None:
     """As a run does it."""
     manifest.begin(job)
-    job.target.write_bytes(data)  # type: ignore[union-attr]
-    made = Outcome(
-        source_is=fingerprint(job.source), outputs_are=(fingerprint(job.target),), digests=(digest(job.target),)
-    )
+    job.picture.write_bytes(data)  # type: ignore[union-attr]
+    written = Written(job.picture, fingerprint=fingerprint(job.picture), digest=digest(job.picture))
+    made = Outcome(source_is=fingerprint(job.source), written=(written,))
     manifest.end(job, made)
     manifest.close()
 
 
 def opened(job: Job, options: str = "options") -> Manifest:
-    return Manifest(job.target.parent, Rectify(Find(options)))
+    return Manifest(job.picture.parent, Rectify(Find(options)))
 
 
 def known(job: Job, options: str = "options") -> Manifest:
-    return Manifest(job.target.parent, Rectify(Find(options)), read_only=True)
+    return Manifest(job.picture.parent, Rectify(Find(options)), read_only=True)
 
 
 def test_finished_is_what_is_as_it_was_left(job: Job) -> None:
@@ -46,15 +47,15 @@ def test_finished_is_what_is_as_it_was_left(job: Job) -> None:
     done(opened(job), job)
     assert known(job).compared(job)[0] == "finished"
     assert known(job, "others").compared(job)[0] == "open"
-    job.target.unlink()
+    job.picture.unlink()
     assert known(job).compared(job)[0] == "open"
 
 
 def test_a_copied_folder_is_known_by_digest(job: Job) -> None:
     done(opened(job), job)
-    os.utime(job.target, (0, 0))
+    os.utime(job.picture, (0, 0))
     assert known(job).compared(job)[0] == "finished"
-    job.target.write_bytes(b"RESULT")  # of the same size
+    job.picture.write_bytes(b"RESULT")  # of the same size
     assert known(job).compared(job)[0] == "open"
 
 
@@ -66,22 +67,24 @@ def test_nothing_is_read_to_be_skipped(job: Job, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(files, "digest", refuse)
     assert known(job).compared(job)[0] == "finished"
-    assert known(job, "others").compared(job)[1].left[0] is not None  # nor before its job is done
+    assert known(job, "others").compared(job)[1].targets[0].left is not None  # nor before its job is done
 
 
 def test_what_an_earlier_run_left_is_known_by_its_digest(job: Job) -> None:
     assert known(job).compared(job)[1] == job
     done(opened(job), job)
-    assert known(job, "others").compared(job)[1] == replace(job, left=(digest(job.target), *[None] * 4))
-    job.target.write_bytes(b"edited, and longer")
-    assert known(job, "others").compared(job)[1].left == (None,) * 5
+    assert known(job, "others").compared(job)[1] == replace(
+        job, targets=(Target(job.picture, left=digest(job.picture)),)
+    )
+    job.picture.write_bytes(b"edited, and longer")
+    assert known(job, "others").compared(job)[1].targets == job.targets
 
 
 def test_what_was_begun_may_have_been_written(job: Job) -> None:
     manifest = opened(job)
     manifest.begin(job)
     assert known(job).compared(job)[1] == replace(job, may_repeat=True)
-    manifest.end(job, Outcome("went wrong"))
+    manifest.end(job, Outcome(UnshutterError("went wrong")))
     manifest.close()
     assert known(job).compared(job)[1] == job
 
@@ -97,11 +100,11 @@ def test_another_photo_of_the_same_name(job: Job, tmp_path: Path) -> None:
 def test_records_of_runs_without_digests(job: Job) -> None:
     """Of earlier versions: what is finished stays so, but replacing it needs --overwrite."""
     done(opened(job), job)
-    path = job.target.parent / f"{NAME}.jsonl"
+    path = job.picture.parent / f"{NAME}.jsonl"
     records = [json.loads(line) for line in path.read_text().splitlines()]
     path.write_text("".join(json.dumps({**record, "digests": {}}) + "\n" for record in records))
     assert known(job).compared(job)[0] == "finished"
-    assert known(job, "others").compared(job)[1].left == (None,) * 5
+    assert known(job, "others").compared(job)[1].targets == job.targets
 
 
 def test_a_result_that_was_edited_to_the_same_size(motion: Path, tmp_path: Path, capsys) -> None:
@@ -135,7 +138,7 @@ def test_digests_are_only_made_for_manifests(motion: Path, tmp_path: Path, monke
 
 def test_what_another_run_begins_meanwhile_is_not_taken_for_somebody_elses(job: Job) -> None:
     """As a dry run sees it, beside a run that is at work."""
-    one, other = (replace(job, target=job.target.with_name(name)) for name in ("b.jpg", "c.jpg"))
+    one, other = (replace(job, targets=(Target(job.picture.with_name(name)),)) for name in ("b.jpg", "c.jpg"))
     done(opened(job), job)
     looking = known(job)
     assert not any(looking.has_begun(each) for each in (job, one, other))

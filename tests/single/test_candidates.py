@@ -7,7 +7,8 @@ import pytest
 
 from support.posteriors import posterior_of
 from unshutter import RowMotion, View
-from unshutter.motion.verdict import Verdict
+from unshutter.motion.finding import Finding
+from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Moving, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
@@ -168,7 +169,7 @@ def test_a_motion_too_small_to_be_seen_is_not_called_no_motion_by_the_verdict(vi
     """Half a pixel that surely helps is smaller than the usual error, so it is left; the words know what was said."""
     posterior = posterior_of(0.01 * PAN, 200, 1e-6)
     first = candidates_of(posterior, moving(view), "me")[0]
-    reason = Verdict.of(first.motion, Undo()).reason
+    reason = judge(Finding(first.motion), Undo()).reason
     assert reason is not None and reason.code in (Code.MOVED_TOO_LITTLE, Code.UNSURE_HOW_MOVED)
 
 

@@ -15,7 +15,7 @@ from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import Estimator
-from unshutter.single.methods import find_motion
+from unshutter.single.methods import find_candidates
 from unshutter.single.register import load
 from unshutter.single.sharpness import BANDS, EdgeWidths, SpeedLimit, speed_limit
 
@@ -120,7 +120,7 @@ def test_every_estimators_answer_is_bounded() -> None:
     sharp, blurred = (Photo.from_array(stripes(blur)) for blur in (1, 16))
 
     def found(photo: Photo, camera: Camera) -> Motion:
-        return find_motion(shear, View(photo, camera))
+        return find_candidates(shear, View(photo, camera))[0].motion
 
     assert not found(sharp, Camera()).is_zero  # nobody knows how long it was exposed
     told = found(sharp, Camera(exposure_s=0.01, readout_ms=20))
@@ -136,6 +136,6 @@ def test_lines_seen_through_a_fisheye_prove_nothing() -> None:
     shear, tags = Shear(load("none").method), Image.Exif()
     tags.get_ifd(EXIF)[0xA434] = "8mm f/3.5 Fish-Eye"
     photo = Photo.from_bytes(encoded(stripes(1), "JPEG", exif=tags.tobytes()))
-    told = find_motion(shear, View(photo))
+    told = find_candidates(shear, View(photo))[0].motion
     assert told.is_zero and told.reason == Reason(Code.WIDE_LENS)
-    assert not find_motion(shear, View(photo, Camera(focal_px=400.0))).is_zero
+    assert not find_candidates(shear, View(photo, Camera(focal_px=400.0)))[0].motion.is_zero

@@ -196,7 +196,7 @@ def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> Mo
     return MotionField(field, float(moved.max()), reason)
 
 
-def render(
+def render_moment(
     frames: Mapping[int, UInt[np.ndarray, "height width bands"]],
     links: Mapping[int, Link],
     timing: Timing,

@@ -8,7 +8,7 @@ is the better model: it is smooth over time and includes how the speed changes d
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from itertools import chain, islice, pairwise
 from typing import Any, Literal
@@ -17,15 +17,17 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.camera import ROWS, turn_jacobian
+from unshutter.frames.find import find
 from unshutter.frames.flow import Flow, bilinear
 from unshutter.frames.frame_motion import Timing
-from unshutter.frames.neighbours import Link, copy_side, link, render
+from unshutter.frames.neighbours import Link, copy_side, link, render_moment
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_time
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import EdgePolicy, valid_window
-from unshutter.motion.rectified import Rectified, Result, undo
-from unshutter.motion.verdict import Verdict
+from unshutter.motion.rectified import Rectified, Result, render
+from unshutter.motion.verdict import Verdict, judge
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Reference, Undo, model_for
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
@@ -33,9 +35,6 @@ from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, files_behind, open_photo
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Cause
-from unshutter.single.estimator import View
-from unshutter.single.methods import find_motion
-from unshutter.single.register import load
 from unshutter.storage.opened import Opened
 
 Model = Literal["camera", "dense", "alone"]
@@ -144,45 +143,32 @@ class SequenceOptions:
         return timing.moment(self.undo.reference or "first") if self.at is None else self.at
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RectifiedFrame(Result):
     """A photo rectified with the help of its neighbours.
 
     Attributes:
-        photo: the new pixels with the metadata of the original.
         valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows the content, before any crop or
             fill.
-        original: the photo as it was read.
-        verdict: whether its pixels were changed, and if not, why.
-        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: the treatment of areas that the photo does not show.
-        whole: share of the photo's area that a crop leaves; None if no crop was considered.
         model: motion model used: ``camera`` (one motion for the whole picture), ``dense`` (near and far objects move
             differently), or ``alone`` (the neighbours were inconclusive, so the photo alone was used).
-        motion: the motion that was undone; None for dense motion, which is not that of the camera alone.
     """
 
-    photo: Photo
+    __slots__ = ("valid",)  # lets a field implement Result's abstract property
+
+    _: KW_ONLY
     valid: np.ndarray
-    original: Photo
-    verdict: Verdict
-    edges: Edges = "keep"
-    whole: float | None = None
     model: Model = "dense"
-    motion: Motion | None = None
+
+    @property
+    def motion(self) -> Motion | None:
+        """The motion that was undone; None for dense motion, which is not that of the camera alone."""
+        return None if self.model == "dense" else self.verdict.motion
 
     @classmethod
     def of(cls, result: Rectified, model: Model) -> RectifiedFrame:
-        """Wraps the result of rectifying a photo by one motion for the whole picture."""
-        return cls(
-            result.photo,
-            result.valid,
-            result.original,
-            result.verdict,
-            result.edges,
-            result.whole,
-            model,
-            result.motion,
-        )
+        """Returns the result of rectifying a photo by one motion for the whole picture."""
+        return cls(**vars(result), valid=result.valid, model=model)
 
 
 def rectify_densely(
@@ -194,7 +180,7 @@ def rectify_densely(
         if neighbour is not None and connection is not None:
             frames[side], links[side] = _alike(neighbour, current), connection
     timing, edges = options.timing(frames[0].shape[0]), options.undo.edges
-    picture = render(
+    picture = render_moment(
         frames,
         links,
         timing,
@@ -205,13 +191,15 @@ def rectify_densely(
     )
     back = -options.readout.quarter_turns
     pixels, valid = np.rot90(picture.pixels, back), np.rot90(picture.valid, back)
+    no_single_motion = Finding(RowMotion.zero(*frames[0].shape[:2], readout=options.readout, estimator="frames-dense"))
     if picture.reason:
-        verdict = Verdict(0.0, None, picture.reason)
-        return RectifiedFrame(current.photo, valid, current.photo, verdict)
+        return RectifiedFrame(current.photo, current.photo, Verdict(no_single_motion, 0.0, picture.reason), valid=valid)
     edges, window, whole = EdgePolicy(options.undo.edges).decide(valid.shape, lambda: valid_window(valid))
     pixels = pixels[window.top : window.bottom, window.left : window.right]
     photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
-    return RectifiedFrame(photo, valid, current.photo, Verdict(picture.largest_px), edges, whole)
+    return RectifiedFrame(
+        photo, current.photo, Verdict(no_single_motion, picture.largest_px), edges, whole, valid=valid
+    )
 
 
 def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
@@ -356,8 +344,9 @@ def _by_any_means(
     else:
         if options.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
             return result
-    motion = find_motion(load(options.alone.estimator), View(current.photo, options.alone.camera))
-    return RectifiedFrame.of(undo(current.photo, motion, options.undo), "alone")
+    camera = options.alone.camera
+    finding = find(current.photo, options.alone.estimator, camera).choose(camera.candidate)
+    return _rectify_by(finding, current.photo, options.undo, "alone")
 
 
 def _by_neighbours(
@@ -378,11 +367,20 @@ def _by_neighbours(
         else:
             options = replace(options, time=ReadoutTime(camera_motion.ratio, 0.0, "the frames"))
         if (options.needed_model or better_model(camera_motion, before, current, after)) == "camera":
-            motion = camera_motion.motion(options.undo.reference or "first")
-            return RectifiedFrame.of(undo(current.photo, motion, options.undo), "camera")
+            return rectify_by_camera(current.photo, camera_motion, options.undo)
     for first, second in pairwise(frames):
         first.connect(second)
     return rectify_densely(before, current, after, options)
+
+
+def rectify_by_camera(photo: Photo, motion: FrameMotion, undo: Undo) -> RectifiedFrame:
+    """Rectifies a photo by the camera's motion that a sequence shows."""
+    return _rectify_by(Finding(motion.motion(undo.reference or "first")), photo, undo, "camera")
+
+
+def _rectify_by(finding: Finding, photo: Photo, undo: Undo, model: Model) -> RectifiedFrame:
+    verdict = judge(finding.fit(photo.height, photo.width), undo)
+    return RectifiedFrame.of(render(photo, verdict, undo.edges), model)
 
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:

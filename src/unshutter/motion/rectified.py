@@ -4,34 +4,57 @@ from __future__ import annotations
 
 import builtins
 import os
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UsageError
 from unshutter.motion import Motion
-from unshutter.motion.verdict import Candidate, Verdict
-from unshutter.options import Camera, Edges, PictureFormat, Save, Subsampling, Undo
+from unshutter.motion.finding import Candidate
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Edges, PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.photo import Photo
-from unshutter.photo.formats import of_target
+from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
 from unshutter.photo.saving import Encoded, check_result, write_photo
 from unshutter.storage.files import written_whole
 from unshutter.storage.locations import Place, write_place
+from unshutter.storage.targets import Target, TargetKind, Written
 
 if TYPE_CHECKING:
     import numpy as np
     from PIL.Image import Image
 
 
-class Result:
-    """Outcome for a photo, processed by itself or with its neighbours."""
+@dataclass(frozen=True, repr=False)
+class Result(ABC):
+    """Outcome for a photo, processed by itself or with its neighbours.
 
-    photo: Photo  # the new pixels with the metadata of the original; the original itself if it was left unchanged
-    original: Photo  # the photo as it was read
-    verdict: Verdict  # whether anything was undone, and why not
+    Attributes:
+        photo: the new pixels with the metadata of the original; the original itself if it was left unchanged.
+        original: the photo as it was read.
+        verdict: whether anything was undone, and why not.
+        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: how areas that the photo did not see were handled.
+        whole: share of the photo's area that a crop leaves; None if no crop was computed.
+    """
+
+    photo: Photo
+    original: Photo
+    verdict: Verdict
+    edges: Edges = "keep"
+    whole: float | None = None
+
+    @property
+    @abstractmethod
+    def valid(self) -> np.ndarray:
+        """Mask [H, W] bool of the pixels that the photo shows (before any crop or fill)."""
+
+    @property
+    @abstractmethod
+    def motion(self) -> Motion | None:
+        """The motion that was undone."""
 
     @property
     def changed(self) -> bool:
@@ -93,7 +116,7 @@ class Result:
         options, target = from_keywords(Save, locals()), Path(path)
         format = of_target(target)
         check_result(target, overwrite, self.photo.made_from)
-        return write_result(self, target, format, options, overwrite)
+        return _write_picture(self, target, format, options, overwrite)
 
     @errors_in_python()
     def encode(
@@ -106,8 +129,98 @@ class Result:
         return Encoded(copied.data(), ())
 
 
-def write_result(result: Result, target: Place, format: Format, save: Save, overwrite: bool) -> tuple[str, ...]:
-    """Writes a picture as :meth:`Result.save` does, without checking the target first; it may also be behind a URL."""
+@dataclass(frozen=True, repr=False)
+class Rectified(Result):
+    """A rectified photo, or one left unchanged because no sufficiently certain, visible motion was found."""
+
+    @property
+    def motion(self) -> Motion:
+        """The motion that was undone, in the readout frame; zero if the photo was left unchanged."""
+        return self.verdict.motion
+
+    @property
+    def found(self) -> Motion:
+        """The motion that was found or given, undone or not."""
+        return self.verdict.finding.motion
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The motions that fit the photo, the default one first, with the first row as the reference.
+
+        Empty if the motion was given.
+        """
+        return self.verdict.finding.candidates
+
+    def __repr__(self) -> str:
+        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
+        return f"Rectified({size}, {self.verdict.described() if self.changed else f'left unchanged: {self.reason}'})"
+
+    @property
+    def valid(self) -> np.ndarray:
+        """Mask [H, W] bool of the pixels that the rolling-shutter photo shows (before any crop or fill)."""
+        from unshutter.motion.warp import validity_mask
+
+        return validity_mask(self.motion, self.verdict.upright)
+
+
+# ---- from a photo and its verdict to the files --------------------------------------------------------------
+
+
+def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
+    """Carries out a verdict; a photo that is left unchanged is not decoded.
+
+    Raises:
+        UnshutterError: the photo is damaged, too small, or a crop would leave almost nothing of it.
+    """
+    check_size(photo.height, photo.width)
+    if not verdict.changes:
+        return Rectified(photo, photo, verdict)
+    from unshutter.motion.warp import straighten
+
+    result = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
+    return Rectified(photo.with_pixels(result.pixels), photo, verdict, result.edges, result.whole)
+
+
+def write(
+    result: Result, target: Target, save: Save | None = None, overwrite: bool = False, source: Place | None = None
+) -> Written:
+    """Writes one of the files that come of a photo, whole or not at all; the caller has checked the target.
+
+    A photo that is left unchanged is copied under its own name, whatever the quality. As a picture, it is copied unless
+    another format or encoding is asked for.
+
+    Args:
+        source: place of the photo, whose permissions files about it get; by default the file that was opened.
+
+    Returns:
+        The file, and the names of metadata that its format cannot hold.
+    """
+    save = save or Save()
+    source = source or (result.original.opened and result.original.opened.path)
+    if target.kind is TargetKind.MOTION:
+        assert result.motion is not None
+        write_place(f"{result.motion.to_json()}\n".encode(), target.place, overwrite, mode_of=source)
+        return Written(target.place, target.kind)
+    if target.kind in (TargetKind.MASK, TargetKind.UNCHANGED_MASK):
+        mask = Photo.from_array(result.valid.astype("uint8") * 255).to_bytes("png")  # 255: the photo shows the scene
+        write_place(mask, target.place, overwrite, mode_of=source)
+        return Written(target.place, target.kind)
+    suffix = target.place.suffix
+    own = FORMATS[result.original.format]
+    same_name = source is not None and suffix == source.suffix
+    if target.kind is TargetKind.UNCHANGED and (same_name or of_suffix(suffix) is own):
+        return Written(
+            target.place,
+            target.kind,
+            _write_picture(result, target.place, own, replace(save, quality=None, subsampling=None), overwrite),
+        )
+    format = of_target(Path(target.place.name))
+    left_out = _write_picture(result, target.place, format, save, overwrite)
+    return Written(target.place, target.kind, left_out, "" if result.changed else format.name.upper())
+
+
+def _write_picture(result: Result, target: Place, format: Format, save: Save, overwrite: bool) -> tuple[str, ...]:
+    """Writes a picture; returns the names of metadata that its format cannot hold."""
     photo = result.photo
     copied = photo.file_as(format.name, save)
     if copied is None:
@@ -125,77 +238,3 @@ def write_result(result: Result, target: Place, format: Format, save: Save, over
     with written_whole(target, overwrite, mode_of, times_ns) as part:
         copied.copy_to(part)
     return ()
-
-
-@dataclass(frozen=True, repr=False)
-class Rectified(Result):
-    """A rectified photo, or one left unchanged because no sufficiently certain, visible motion was found.
-
-    Attributes:
-        photo: the new pixels with the metadata of the original; the original itself if it was left unchanged.
-        motion: the motion that was undone, in the readout frame; zero if the photo was left unchanged.
-        original: the photo as it was read.
-        found: the motion that was found or given, undone or not.
-        verdict: whether the motion was undone, and why not.
-        edges: ``keep``, ``crop`` or ``fill``: how areas that the photo did not see were handled.
-        whole: share of the photo's area that a crop leaves; None if no crop was computed.
-        candidates: the motions that fit the photo, the default one first; empty if the motion was
-            given. Their motions have the first row as the reference.
-    """
-
-    photo: Photo
-    motion: Motion
-    original: Photo
-    found: Motion
-    verdict: Verdict
-    edges: Edges = "keep"
-    whole: float | None = None
-    candidates: tuple[Candidate, ...] = ()
-
-    def __repr__(self) -> str:
-        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
-        return f"Rectified({size}, {self.verdict.described() if self.changed else f'left unchanged: {self.reason}'})"
-
-    @property
-    def valid(self) -> np.ndarray:
-        """Mask [H, W] bool of the pixels that the rolling-shutter photo shows (before any crop or fill)."""
-        from unshutter.motion.warp import validity_mask
-
-        return validity_mask(self.motion, self.verdict.upright)
-
-
-# ---- from a photo and its motion to the result --------------------------------------------------------------
-
-
-def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> Rectified:
-    """Undoes a motion if :func:`judged` allows it; otherwise returns the photo unchanged, without decoding its pixels.
-
-    The motion may be of another size if the aspect ratio fits. With ``auto``, its own readout direction counts.
-    """
-    check_size(photo.height, photo.width)
-    return undo_judged(photo, *judged(motion, options, photo.height, photo.width, readout), options.edges)
-
-
-def undo_judged(photo: Photo, motion: Motion, verdict: Verdict, edges: Edges) -> Rectified:
-    """Carries out what :func:`judged` returned."""
-    undone = verdict.undone(motion)
-    if not verdict.changes:
-        return Rectified(photo, undone, photo, motion, verdict)
-    from unshutter.motion.warp import straighten
-
-    result = straighten(photo.pixels, undone, edges, photo.masked, verdict.upright)
-    return Rectified(photo.with_pixels(result.pixels), undone, photo, motion, verdict, result.edges, result.whole)
-
-
-def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
-    """Returns the motion to undo in a stored picture of height x width [px], and the verdict on whether to undo it."""
-    motion = fitted(motion, height, width, readout)
-    motion = motion.rereferenced(options.reference or motion.reference).scaled(options.strength)
-    return motion, Verdict.of(motion, options)
-
-
-def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:
-    """Resizes a motion for a stored picture of height x width [px]."""
-    if readout != "auto" and Camera(readout).direction != motion.readout:
-        raise UsageError(f"the motion was made for readout {motion.readout}, not {readout}")
-    return motion.resized(*motion.readout.frame_size(height, width))

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.motion.finding import Finding
 from unshutter.motion.motion import Motion
 from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
-from unshutter.orientation import scene_up
-from unshutter.reasons import MOST_STATED, Cause, Code, MotionSource, Reason, as_stated, pixels
+from unshutter.reasons import Cause, Code, MotionSource, Reason, as_stated, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,41 +110,62 @@ class Certainty(StrEnum):
         return cls.SURE if confidence >= SURE else cls.LIKELY if confidence >= LIKELY else cls.UNSURE
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Verdict:
     """Whether a motion is undone, and why if it is not; and whether the photo is turned upright."""
 
+    finding: Finding  # what was found, its motion as it would be undone: at the reference row and the strength
     largest_px: float  # largest displacement that undoing the motion would cause [px]
-    confidence: float | None = None  # of the motion: the probability that the result is better than the photo
     reason: Reason | None = None  # why the photo is left unchanged; None if the motion is undone
-    # source of the motion; None if it was estimated from the photo's pixels or supplied by the user
-    source: MotionSource | None = None
-    rows: int = 0  # number of rows of the picture; 0 if unknown
-    film: Reason | None = None  # why the film inside the photo was not used; None if it was used or the photo has none
-    # expected mean displacement that remains if undoing the motion helps [px]; None if unknown, or if the strength
-    # leaves more of it on purpose
-    error_px: float | None = None
-    left_px: float = 0.0  # largest displacement that the strength leaves on purpose; negative: undone beyond it [px]
+    strength: float = 1.0  # share of the motion that is undone
     upright: Pose | None = None  # the pose of the camera that is undone; None: the photo is not turned
     not_upright: Reason | None = None  # why the photo is not turned although that was asked for
-    leans: bool = False  # whether the photo leans, while the camera may have been rolled as well as moved
 
-    @classmethod
-    def of(cls, motion: Motion, undo: Undo) -> Verdict:
-        """Decides whether to undo a motion, which has the photo's size, and the strength and reference row to use."""
-        largest = motion.largest_px
-        sure = None if motion.confidence is None else as_stated(motion.confidence)
-        source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
-        reason = _reason_against(motion, largest, sure, undo)
-        known = motion.expected_error if undo.strength == 1 else None
-        error_px = None if known is None else known * motion.height
-        left_px = largest * (1 / undo.strength - 1) if undo.strength > 0 else 0.0
-        pose = motion.held if reason is None else motion.held_at_rest
-        upright, against = _turned(motion, pose, undo.upright) if undo.upright else (None, None)
-        unsure = reason is not None and _CAUSES.get(reason.code) is Cause.UNSURE and motion.roll_deg is None
-        leans = unsure and pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG
-        left = error_px, left_px
-        return cls(largest, sure, reason, source, motion.height, motion.film, *left, upright, against, leans)
+    @property
+    def motion(self) -> Motion:
+        """The motion that is undone; zero, with the reason, if it is not."""
+        found = self.finding.motion
+        return found if self.undoes else replace(found.scaled(0), reason=self.reason)
+
+    @property
+    def confidence(self) -> float | None:
+        """Probability that the result is better than the photo, as it is stated; None if unknown."""
+        sure = self.finding.motion.confidence
+        return None if sure is None else as_stated(sure)
+
+    @property
+    def source(self) -> MotionSource | None:
+        """Source of the motion; None if it was estimated from the photo's pixels or given."""
+        name = self.finding.motion.estimator
+        return MotionSource(name) if name in set(MotionSource) else None
+
+    @property
+    def error_px(self) -> float | None:
+        """Mean displacement that is expected to remain if undoing the motion helps [px].
+
+        None if unknown, or if the strength leaves more of it on purpose.
+        """
+        motion = self.finding.motion
+        if motion.expected_error is None or self.strength != 1:
+            return None
+        return motion.expected_error * motion.height
+
+    @property
+    def left_px(self) -> float:
+        """Largest displacement that the strength leaves on purpose; negative: undone beyond it [px]."""
+        return self.largest_px * (1 / self.strength - 1) if self.strength > 0 else 0.0
+
+    @property
+    def leans(self) -> bool:
+        """Whether the photo leans, while the camera may have been rolled as well as moved."""
+        unsure = self.reason is not None and _CAUSES.get(self.reason.code) is Cause.UNSURE
+        pose = self.finding.motion.held_at_rest
+        return (
+            unsure
+            and self.finding.motion.roll_deg is None
+            and pose is not None
+            and abs(pose.roll_deg) > _LEAST_LEAN_DEG
+        )
 
     @property
     def undoes(self) -> bool:
@@ -165,14 +185,16 @@ class Verdict:
     @property
     def needs_a_look(self) -> bool:
         """Whether a large but unsure motion is undone, so that someone should compare both pictures."""
-        return self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.rows > 0
+        return (
+            self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.finding.motion.height
+        )
 
     @property
     def least_confidence(self) -> float | None:
         """A least confidence with which a motion would be undone that is left because it is unsure; otherwise None."""
         if self.reason is None or _CAUSES.get(self.reason.code) is not Cause.UNSURE or self.reason.px < LEAST_PX:
             return None
-        if self.confidence is None or not is_measurable(self.reason.px, self.rows):
+        if self.confidence is None or not is_measurable(self.reason.px, self.finding.motion.height):
             return 0.0  # undoes the likeliest motion, whatever is known of it
         return math.floor(10 * self.confidence) / 10
 
@@ -188,10 +210,6 @@ class Verdict:
             return ""
         return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")
 
-    def undone(self, motion: Motion) -> Motion:
-        """Returns the motion, or if it is not undone, a zero motion with the reason."""
-        return motion if self.undoes else replace(motion.scaled(0), reason=self.reason)
-
     def described(self) -> str:
         """One line: ``up to 41 px, confidence 0.93: likely, typically off by 2.0 px``, or why it is unchanged."""
         look = ", please look" if self.needs_a_look else ""
@@ -206,11 +224,12 @@ class Verdict:
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         pose, about = self.upright, self.reason.as_json() if self.reason is not None else {}
+        film = self.finding.motion.film
         optional = {
             "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,
             "left_px": round(self.left_px, 2) if self.undoes and self.left_px else None,
             "source": self.source,
-            "film": self.film and self.film.as_json(),
+            "film": film and film.as_json(),
             "upright": pose and {"roll_deg": round(pose.roll_deg, 2), "tilt_deg": pose.tilt_deg},
             "not_upright": self.not_upright and self.not_upright.as_json(),
         }
@@ -239,8 +258,20 @@ def is_measurable(largest_px: float, rows: int) -> bool:
     return largest_px >= max(LEAST_PX, rows / _SMALLEST)
 
 
-def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Undo) -> Reason | None:
+def judge(finding: Finding, undo: Undo) -> Verdict:
+    """Decides whether to undo a motion, which has the photo's size, and whether to turn the photo upright."""
+    motion = finding.motion
+    motion = motion.rereferenced(undo.reference or motion.reference).scaled(undo.strength)
+    undone = Verdict(replace(finding, motion=motion), motion.largest_px, strength=undo.strength)
+    judged = replace(undone, reason=_reason_against(undone, undo))
+    return judged if undo.upright is None else _turn_upright(judged, motion, undo.upright)
+
+
+def _reason_against(verdict: Verdict, undo: Undo) -> Reason | None:
     """Returns why a motion should not be undone, or None if it should."""
+    motion = verdict.motion
+    largest = verdict.largest_px
+    sure = verdict.confidence
     if motion.is_zero and motion.reason is not None:
         return motion.reason
     if undo.strength == 0:
@@ -255,115 +286,15 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
     return Reason(Code.TOO_SMALL) if largest < LEAST_PX else None
 
 
-def _turned(motion: Motion, pose: Pose | None, wish: Upright) -> tuple[Pose | None, Reason | None]:
-    """Returns the pose to undo, None if it is upright already or is left, and why it is left."""
+def _turn_upright(verdict: Verdict, motion: Motion, wish: Upright) -> Verdict:
+    """Returns the verdict with the pose to undo, or why it is left."""
+    pose = motion.held if verdict.undoes else motion.held_at_rest
     turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, motion.stated_angles)
     if isinstance(turned, Reason):
-        return None, turned
-    return (turned if turned.largest_px(motion.height, motion.width) >= LEAST_PX else None), None
-
-
-KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
-Direction = Literal["left", "right", "up", "down"]
-
-_TURNS = {"left": "to the left", "right": "to the right", "up": "upwards", "down": "downwards"}
-_NAMES = {"hand": "hand", "quadratic": "uneven motion", "other": "motion"}
-_UPRIGHT = 1  # EXIF orientation of a photo stored upright
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A possible motion of a photo; leaving the photo unchanged is also a candidate.
-
-    Attributes:
-        kind: still (the photo is left unchanged), pan, hand (shake), quadratic (uneven motion, as drawn in benchmarks),
-            or other (for methods that do not report a kind).
-        motion: for the photo's full size, with the first row as the reference.
-        probability: that undoing this motion brings the photo closer to the truth, 0 to 1, the same as the motion's
-            confidence, so those of several motions need not add up to 1; for the unchanged photo, that the likeliest of
-            the others does not. None if the method does not report one.
-        expected_error_px: mean displacement that remains if it does [px]; None if the method does not report one.
-        orientation: EXIF orientation of the photo; determines the directions in the description.
-    """
-
-    kind: KindOfMotion
-    motion: Motion
-    probability: float | None = None
-    expected_error_px: float | None = None
-    orientation: int = _UPRIGHT
-
-    @property
-    def description(self) -> str:
-        """Short description, e.g. ``pan to the left, 24 px``, ``hand, 9 px`` or ``as it is``."""
-        if self.kind == "still":
-            return "as it is"
-        name = f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
-        return f"{name}, {pixels(self.motion.largest_px)}"
-
-    def described(self) -> str:
-        """Description with the known figures: ``hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)``."""
-        known, helps = [], "the likeliest other does not help" if self.kind == "still" else "it helps"
-        if self.probability is not None:
-            known.append(f"chance {as_stated(self.probability):.2f} that {helps}")
-        if self.expected_error_px is not None:
-            known.append(f"typically off by {pixels(self.expected_error_px)}")
-        return f"{self.description} ({', '.join(known)})" if known else self.description
-
-    def as_stated(self, most: float = MOST_STATED) -> Candidate:
-        """Returns the candidate with its probability, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
-        sure, reason = self.motion.confidence, self.motion.reason
-        motion = replace(
-            self.motion,
-            confidence=None if sure is None else as_stated(sure, most),
-            reason=None if reason is None else reason.as_stated(most),
-        )
-        least = 1 - MOST_STATED if self.kind == "still" else 0.0  # that nothing helps is never ruled out
-        chance = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
-        return replace(self, motion=motion, probability=chance)
-
-    def as_json(self) -> dict[str, Any]:
-        """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""
-        return {
-            "kind": self.kind,
-            "description": self.description,
-            "probability": _rounded(self.probability, 4),
-            "expected_error_px": _rounded(self.expected_error_px, 2),
-            "motion": json.loads(self.motion.to_json()),
-        }
-
-    def resized(self, height: int, width: int) -> Candidate:
-        """Returns the candidate for another size of the photo's readout frame."""
-        error = self.expected_error_px
-        scaled = None if error is None else error * height / self.motion.height
-        return replace(self, motion=self.motion.resized(height, width), expected_error_px=scaled)
-
-    @property
-    def direction(self) -> Direction:
-        """Direction in which the camera turned, as seen in the upright photo; the scene moves the opposite way."""
-        up = np.array(scene_up(self.orientation, self.motion.readout))
-        right = np.array([-up[1], up[0]])
-        scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
-        sideways, upwards = float(scene @ right), float(scene @ up)
-        if abs(sideways) >= abs(upwards):
-            return "left" if sideways > 0 else "right"
-        return "down" if upwards > 0 else "up"
-
-
-def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
-    """Returns the candidates of a method that finds a single motion: that motion, then the unchanged photo."""
-    if motion.is_zero:
-        return (Candidate("still", motion, motion.confidence, orientation=orientation),)
-    as_it_is = replace(motion.scaled(0), confidence=None)
-    return (
-        Candidate("other", motion, motion.confidence, orientation=orientation),
-        Candidate("still", as_it_is, orientation=orientation),
-    )
-
-
-def candidates_to_json(candidates: Iterable[Candidate]) -> str:
-    """Returns the candidates of a photo as JSON text, numbered as users select them."""
-    listed = [{"number": number, **each.as_json()} for number, each in enumerate(candidates, 1)]
-    return json.dumps({"format": "unshutter-candidates/1", "candidates": listed})
+        return replace(verdict, not_upright=turned)
+    if turned.largest_px(motion.height, motion.width) < LEAST_PX:  # it is upright already
+        return verdict
+    return replace(verdict, upright=turned)
 
 
 def _rounded(number: float | None, digits: int) -> float | None:

@@ -32,14 +32,16 @@ from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
 from unshutter.run.work import Job, finish_job
-from unshutter.single.register import load, method
+from unshutter.single.register import load
+from unshutter.storage.targets import Target, TargetKind
 
 if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.motion import Motion
+    from unshutter.motion.finding import Finding
     from unshutter.motion.grid import EdgeDecision
-    from unshutter.motion.verdict import Candidate
+    from unshutter.motion.verdict import Verdict
     from unshutter.single.drawn_lines import DrawnLine
 
 _CURVE_POINTS = 41
@@ -59,8 +61,8 @@ def warm() -> int:
 def estimated(open_file: OpenFile, options: PhotoOptions) -> str:
     """Returns the photo's motion as JSON, in the format of `unshutter estimate`."""
     with errors_of(open_file):
-        motion, undo = _motion_to_undo(open_file, opened(open_file), options)
-        return motion.rereferenced(undo.reference or "first").to_json() + "\n"
+        finding, undo = _find(open_file, opened(open_file), options)
+        return finding.motion.rereferenced(undo.reference or "first").to_json() + "\n"
 
 
 def saved(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> dict[str, Any]:
@@ -70,9 +72,11 @@ def saved(open_file: OpenFile, target: Path, unchanged: Path | None, options: Ph
     """
     names = {path: path.name for path in (target, unchanged) if path is not None}
     with errors_of(open_file, {**names, **neighbour_names(options.neighbours)}):
-        asked, motion = _with_known_motion(open_file, options)
-        job = Job(open_file.path, target, None, False, open_file.max_pixels, unchanged=unchanged)
-        outcome = finish_job(job, asked, motion)
+        asked, finding = _with_known_motion(open_file, options)
+        targets = [Target(target)]
+        if unchanged is not None:
+            targets.append(Target(unchanged, TargetKind.UNCHANGED))
+        outcome = finish_job(Job(open_file.path, tuple(targets), False, open_file.max_pixels), asked, finding)
     report = outcome.verdict.as_json() if outcome.verdict else {}
     report |= {"result": outcome.picture.name} if outcome.picture is not None else {}
     return {**report, "note": outcome.note} if outcome.note else report
@@ -80,25 +84,24 @@ def saved(open_file: OpenFile, target: Path, unchanged: Path | None, options: Ph
 
 def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any]]:
     """Lists the motions that fit a photo as JSON, in the order of option ``candidate``; ``taken``: the default."""
-    from unshutter.motion.rectified import judged
+    from unshutter.motion.finding import Finding
+    from unshutter.motion.verdict import judge
 
     find = options.rectify.find
     find = replace(find, camera=replace(find.camera, candidate=None, least_confidence=None))
     with errors_of(open_file):
-        photo = opened(open_file)
-        possible = _candidates_of(open_file, photo, find)
-        motions = [judged(each.motion, options.undo, photo.height, photo.width) for each in possible]
-    changes = motions[0][1].changes
-    taken = 0 if changes else next((k for k, each in enumerate(possible) if each.kind == "still"), None)
+        possible = _find_motion(open_file, opened(open_file), find).candidates
+        verdicts = [judge(Finding(each.motion), options.undo) for each in possible]
+    taken = 0 if verdicts[0].changes else next((k for k, each in enumerate(possible) if each.kind == "still"), None)
     return [
         {
             "kind": each.kind,
             "direction": each.direction if each.kind == "pan" else None,
-            "largest_px": round(motion.largest_px, 2),  # at the requested strength
+            "largest_px": round(verdict.largest_px, 2),  # at the requested strength
             "probability": None if each.probability is None else round(each.probability, 4),
             "taken": taken == k,
         }
-        for k, (each, (motion, _)) in enumerate(zip(possible, motions, strict=True))
+        for k, (each, verdict) in enumerate(zip(possible, verdicts, strict=True))
     ]
 
 
@@ -107,7 +110,7 @@ def segments(open_file: OpenFile, options: PhotoOptions) -> dict[str, Any]:
     import numpy as np
 
     from unshutter.motion.grid import rs_to_gs_map
-    from unshutter.motion.rectified import judged
+    from unshutter.motion.verdict import judge
     from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
 
     with errors_of(open_file, neighbour_names(options.neighbours)):
@@ -118,8 +121,8 @@ def segments(open_file: OpenFile, options: PhotoOptions) -> dict[str, Any]:
         col, row = ((ends + 0.5) * scale - 0.5).T
         found = {"before": (col, row)}
         if not options.neighbours:  # motion from neighbours applies to places, not to lines
-            motion, verdict = judged(*_motion_to_undo(open_file, photo, options), photo.height, photo.width)
-            found["after"] = rs_to_gs_map(verdict.undone(motion), verdict.upright)(col, row)
+            verdict = judge(*_find(open_file, photo, options))
+            found["after"] = rs_to_gs_map(verdict.motion, verdict.upright)(col, row)
         size = photo.width, photo.height
         return {
             side: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for side, at in found.items()
@@ -149,32 +152,32 @@ def after(
     with errors_of(open_file, neighbour_names(options.neighbours)):
         asked, photo = options.rectify, opened(open_file)
         if asked.neighbours:
-            pixels, result = _rectified_between(open_file, photo, asked, longest)
+            pixels, result = _rectify_between(open_file, photo, asked, longest)
         else:
-            motion, undo = _motion_to_undo(open_file, photo, options)
-            pixels, result = _rectified_alone(photo, small_copy(open_file, photo, longest), motion, undo, draft)
-            shape = {name: round(value, 3) for name, value in _shape(motion).items()}
-            result |= {"shape": shape, "readout": str(motion.readout)}
+            finding, undo = _find(open_file, photo, options)
+            pixels, result = _rectify_alone(photo, small_copy(open_file, photo, longest), finding, undo, draft)
+            shape = {name: round(value, 3) for name, value in _shape(finding.motion).items()}
+            result |= {"shape": shape, "readout": str(finding.motion.readout)}
             if options.hand.lines:
-                result["lines"] = _straightened_lines(open_file, photo, asked.find, options.hand.lines)[1]
+                result["lines"] = _straighten_lines(open_file, photo, asked.find, options.hand.lines)[1]
         return as_jpeg(pixels, photo.orientation), {"edges": None, "whole": None, "crop": None, **result}
 
 
-def _rectified_alone(
-    photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo, draft: bool
+def _rectify_alone(
+    photo: Photo, pixels: np.ndarray, finding: Finding, undo: Undo, draft: bool
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
-    from unshutter.motion.rectified import judged
+    from unshutter.motion.verdict import judge
     from unshutter.motion.warp import edge_decision, straighten
 
     full, (height, width) = (photo.height, photo.width), pixels.shape[:2]
-    motion, verdict = judged(motion, undo, *((height, width) if draft else full))
+    verdict = judge(finding.fit(height, width) if draft else finding, undo)
     if draft:
         verdict = replace(verdict, largest_px=verdict.largest_px * photo.height / height)
-    result, edges = {**verdict.as_json(), **_motion_json(motion)}, undo.edges
+    result, edges = {**verdict.as_json(), **_finding_json(verdict)}, undo.edges
     if not verdict.changes:
         return pixels, result
-    motion, upright = verdict.undone(motion), verdict.upright
+    motion, upright = verdict.motion, verdict.upright
     if not draft:
         decision = edge_decision(motion, edges, upright)
         result, edges = result | _edges_json(decision, full, photo.orientation), decision.edges
@@ -182,7 +185,7 @@ def _rectified_alone(
     return straighten(pixels, motion, "keep" if edges == "keep" else "fill", upright=upright).pixels, result
 
 
-def _rectified_between(
+def _rectify_between(
     open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Rectifies a small copy of the photo, using small copies of its neighbours."""
@@ -212,10 +215,11 @@ def _rectified_between(
     return frame.pixels, result | _edges_json(decision, (rows, cols), photo.orientation)
 
 
-def _motion_json(motion: Motion) -> dict[str, Any]:
-    """Returns the motion's curves at a few rows, and what it says of the camera."""
+def _finding_json(verdict: Verdict) -> dict[str, Any]:
+    """Returns the curves of the motion that was found at a few rows, and what is known of the camera."""
     import numpy as np
 
+    motion = verdict.finding.motion
     rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
     return {
         "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
@@ -248,61 +252,60 @@ def _shape(motion: Motion) -> dict[str, float]:
     return {"lean_deg": lean_deg, "bend_percent": 100 * float(bend) / rows, "turn_deg": turn_deg}
 
 
-def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Motion, Undo]:
+def _find(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Finding, Undo]:
     """Returns the motion before strength is applied, and how to undo it: at any confidence if it was set by hand."""
-    from unshutter.single.methods import chosen
-
     asked = options.rectify
     if options.hand.lines:
-        motion, _ = _straightened_lines(open_file, photo, asked.find, options.hand.lines)
+        finding, _ = _straighten_lines(open_file, photo, asked.find, options.hand.lines)
     else:
-        motion = chosen(_candidates_of(open_file, photo, asked.find), asked.find.camera.candidate)
+        finding = _find_motion(open_file, photo, asked.find).choose(asked.find.camera.candidate)
     if not options.hand:
-        return motion, asked.undo
+        return finding, asked.undo
     # lines that a person draws upright come out upright anyway
-    return _adjusted(motion, options.hand), replace(asked.undo, upright=None).at_any_confidence()
+    return _adjust(finding, options.hand), replace(asked.undo, upright=None).at_any_confidence()
 
 
-def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, str | None]:
-    """Returns the options for saving what the page shows, and the JSON of the motion unless neighbours tell it."""
+def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, Finding | None]:
+    """Returns the options for saving what the page shows, and the motion unless neighbours show it."""
     asked = options.rectify
     if asked.neighbours:
         return asked, None
-    motion, undo = _motion_to_undo(open_file, opened(open_file), options)
-    return replace(asked, undo=undo), motion.to_json()
+    finding, undo = _find(open_file, opened(open_file), options)
+    return replace(asked, undo=undo), finding
 
 
-def _candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:
+def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
     """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
-    from unshutter.api import photo_candidates
+    from unshutter.frames.find import find as find_motion
     from unshutter.motion import Motion
-    from unshutter.motion.verdict import Candidate
+    from unshutter.motion.finding import Candidate, Finding
 
     alone = replace(find, camera=replace(find.camera, candidate=None))  # whichever candidate is chosen
 
-    def estimated() -> list[dict[str, Any]]:
-        photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
-        candidates = photo_candidates(photo, load(find.estimator), find.camera)
-        return [{**vars(each), "motion": each.motion.to_json()} for each in candidates]
+    def list_candidates() -> list[dict[str, Any]]:
+        found = find_motion(photo, find.estimator, find.camera).candidates
+        return [{**vars(each), "motion": each.motion.to_json()} for each in found]
 
-    listed = kept(open_file, "candidates", (alone,), estimated)
-    return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
+    listed = kept(open_file, "candidates", (alone,), list_candidates)
+    candidates = tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
+    return Finding(candidates[0].motion, candidates)
 
 
 # ---- by hand -----------------------------------------------------------------------------------------------------
 
 
-def _straightened_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Motion, list[str | None]]:
+def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Finding, list[str | None]]:
     """Returns the motion that straightens drawn lines and the trouble with each line, cached for the numbers."""
     from unshutter.api import motion_of_lines
     from unshutter.motion import Motion
+    from unshutter.motion.finding import Finding
 
-    def straightened() -> dict[str, Any]:
+    def straighten() -> dict[str, Any]:
         found = motion_of_lines(photo, _lines(text, photo), find.camera)
         return {"motion": found.motion.to_json(), "troubles": found.troubles}
 
-    known = kept(open_file, "lines", (find, text), straightened)
-    return Motion.from_json(known["motion"]), known["troubles"]
+    known = kept(open_file, "lines", (find, text), straighten)
+    return Finding(Motion.from_json(known["motion"])), known["troubles"]
 
 
 def _lines(text: str, photo: Photo) -> list[DrawnLine]:
@@ -321,12 +324,14 @@ def _lines(text: str, photo: Photo) -> list[DrawnLine]:
     return lines
 
 
-def _adjusted(motion: Motion, hand: ByHand) -> Motion:
-    """Applies the numbers set by hand to a motion; everything else about it is left unchanged."""
+def _adjust(finding: Finding, hand: ByHand) -> Finding:
+    """Returns a motion set by hand: the one that was found, changed by the numbers."""
     import numpy as np
 
     from unshutter.motion import RowMotion
+    from unshutter.motion.finding import Finding
 
+    motion = finding.motion
     shape, u = _shape(motion), np.linspace(0, 1, motion.height)
     wanted = shape | {name: value for name in shape if (value := getattr(hand, name)) is not None}
     lean = math.tan(math.radians(wanted["lean_deg"])) - math.tan(math.radians(shape["lean_deg"]))
@@ -338,4 +343,4 @@ def _adjusted(motion: Motion, hand: ByHand) -> Motion:
         adjusted.check_unfolded()
     except UnshutterError:
         raise UsageError("no camera moves like that: the picture would fold over itself") from None
-    return adjusted
+    return Finding(adjusted)

@@ -37,7 +37,7 @@ class Encoded(NamedTuple):
     left_out: tuple[str, ...]  # names of metadata that it lacks: ("IPTC", "texts")
 
 
-def not_written(left_out: Sequence[str]) -> str:
+def describe_left_out(left_out: Sequence[str]) -> str:
     """Lists the metadata that a file cannot hold in one line for the user; empty if there are none."""
     if not left_out:
         return ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,19 +11,22 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.options import Estimate, Find, Rectify, Run, Undo
 from unshutter.progress import tell
+from unshutter.run.ahead import Ahead, Wanted, look_ahead
 from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
 from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
 from unshutter.run.manifest import Manifest
 from unshutter.run.plan import Goal, Outputs, Plan, motion_targets, planned, with_bursts, with_motions
 from unshutter.run.report import Report, Tell, about, each_photo
-from unshutter.run.work import Lookahead, PhotoAhead, do_job
+from unshutter.run.work import do_job
 from unshutter.single import register
 from unshutter.storage.files import check_motion_name
 from unshutter.storage.locations import Place, RunFiles, check_place, write_place
 
 if TYPE_CHECKING:
-    from unshutter.photo import Photo
+    from pathlib import Path
+
+    from unshutter.motion.verdict import Verdict
 
 
 def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, request: Rectify, run: Run) -> int:
@@ -32,7 +35,8 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     plan = planned(inputs, into, request, run)
     manifest = None
     if plan.home is not None:
-        manifest = Manifest(plan.home, plan.request, plan.motion, run.manifest is not None, read_only=run.dry_run)
+        motion = None if plan.given is None else plan.given.motion.to_json()
+        manifest = Manifest(plan.home, plan.request, motion, run.manifest is not None, read_only=run.dry_run)
     with closing(manifest) if manifest is not None else nullcontext():
         if manifest is not None:
             plan.sort(manifest)
@@ -50,16 +54,16 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         plan.to_do, ratio = with_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
     elif plan.judged_together and request.find.estimator == Find().estimator:
         plan.to_do = with_bursts(plan)
-    here = {}  # what only this process has
-    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:
+    ahead: Iterable[Ahead] = ()
+    if run.jobs is run.scheduler is run.timeout is None:
         sources = [job.source for job in plan.to_do if job.burst is None]
-        here["lookahead"] = Lookahead(sources, request.find_alone, run.max_pixels, request.undo)
+        ahead = look_ahead(sources, Wanted(request.find_alone, request.undo, run.max_pixels))
     with Report(plan) as report:
         report.begin("" if ratio is None else f"unshutter: readout ratio {ratio}")
         # what a killed run left beside a finished result goes, too
         plan.files.prepare(target for job in (*plan.to_do, *plan.finished) for target in job.outputs)
         with _workers_for(run) as workers:
-            work = partial(do_job, request=request, motion=plan.motion, **here)
+            work = partial(do_job, request=request, given=plan.given, ahead=ahead)
             Batch(work, workers, manifest, report, plan.files, folder).run(plan.to_do)
         report.save_preview()
         if folder is not None:
@@ -93,7 +97,7 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
                 refused.append(f"{job.source}: {error}")
                 continue
         count += 1
-        print(visible(f"{job.source} -> {job.target}"))
+        print(visible(f"{job.source} -> {job.picture}"))
     for reason in refused:
         tell(f"unshutter: {reason}")
     if inputs.passed_over:
@@ -122,18 +126,16 @@ def estimate_files(request: Estimate) -> int:
     files = RunFiles(request, reads=[*inputs.files, register.weights_file(request.find.estimator)], folders=[output])
     files.writes("the motion", *targets.values())
     files.prepare([*targets.values(), *filter(None, [request.plot])])
-    lookahead = Lookahead(list(inputs.photos), None if request.candidates else request.find, request.max_pixels)
+    find, undo = None if request.lines else request.find, Undo(request.reference)
+    ahead = look_ahead(list(inputs.photos), Wanted(find, undo, request.max_pixels, pixels=False))
 
     def one(photo: Place, tell: Tell) -> None:
         target = targets.get(photo)
         for file in filter(None, (target, request.plot)):
             files.check(file)
             check_place(file, overwrite)
-        ahead = lookahead.take(photo)
-        if request.candidates:
-            text = _candidates_as_text(ahead.photo, photo, request, tell)
-        else:
-            text = _estimate_as_text(ahead, photo, request, tell)
+        begun = next(each for each in ahead if each.place == photo)
+        text = _list_candidates(begun, request, tell) if request.candidates else _describe_motion(begun, request, tell)
         if target:
             write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
         elif request.json or not request.candidates:
@@ -142,25 +144,13 @@ def estimate_files(request: Estimate) -> int:
     return each_photo(inputs, one)
 
 
-def _estimate_as_text(ahead: PhotoAhead, source: Place, request: Estimate, tell: Tell) -> str:
+def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> str:
     """Returns a photo's motion as JSON, reports a photo to be left unchanged, and draws the plot asked for."""
-    from unshutter.motion.verdict import Verdict, json_with_speed
+    from unshutter.motion.verdict import json_with_speed
 
-    photo, readout_ms = ahead.photo, request.find.camera.readout_ms
-    if request.lines is None:
-        motion = ahead.motion()
-    else:
-        from unshutter.api import motion_of_lines
-        from unshutter.single.drawn_lines import read_lines
-
-        lines = read_lines(request.lines)
-        straightened = motion_of_lines(photo, lines, request.find.camera)
-        motion = straightened.motion
-        for number, (line, trouble) in enumerate(zip(lines, straightened.troubles, strict=True), 1):
-            if trouble:
-                tell(f"{source}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
-    motion = motion.rereferenced(request.reference)
-    verdict = Verdict.of(motion, Undo())
+    source, readout_ms = begun.place, request.find.camera.readout_ms
+    verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
+    motion = verdict.finding.motion
     if motion.reason:
         tell(f"{source}: no motion ({motion.reason})")
     elif not verdict.changes:
@@ -172,12 +162,26 @@ def _estimate_as_text(ahead: PhotoAhead, source: Place, request: Estimate, tell:
     return motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
 
 
-def _candidates_as_text(photo: Photo, source: Place, request: Estimate, tell: Tell) -> str:
-    """Returns the candidates of a photo as JSON, and reports each in a line."""
-    from unshutter.api import photo_candidates
-    from unshutter.motion.verdict import candidates_to_json
+def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Verdict:
+    """Returns the verdict on the motion that straightens lines drawn in a photo, and reports lines that stay askew."""
+    from unshutter.api import motion_of_lines
+    from unshutter.motion.finding import Finding
+    from unshutter.motion.verdict import judge
+    from unshutter.single.drawn_lines import read_lines
 
-    listed = photo_candidates(photo, register.load(request.find.estimator), request.find.camera, request.reference)
+    lines = read_lines(file)
+    straightened = motion_of_lines(begun.photo, lines, request.find.camera)
+    for number, (line, trouble) in enumerate(zip(lines, straightened.troubles, strict=True), 1):
+        if trouble:
+            tell(f"{begun.place}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
+    return judge(Finding(straightened.motion), Undo(request.reference))
+
+
+def _list_candidates(begun: Ahead, request: Estimate, tell: Tell) -> str:
+    """Returns the candidates of a photo as JSON, and reports each in a line."""
+    from unshutter.motion.finding import candidates_to_json
+
+    listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.finding.candidates]
     for number, each in enumerate(listed, 1):
-        tell(f"{source}: {number}  {each.described()}")
+        tell(f"{begun.place}: {number}  {each.described()}")
     return candidates_to_json(listed)

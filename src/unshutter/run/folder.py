@@ -36,9 +36,10 @@ class Judged:
     @classmethod
     def of(cls, job: Job, outcome: Outcome) -> Judged | None:
         """Returns what became of a photo; None if it says nothing about the others, nor they about it."""
-        if outcome.chance is None:
+        chance = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.motion.chance
+        if chance is None:
             return None
-        return cls(outcome.group, outcome.chance.log_odds, outcome.chance.turning_point, job.folder_log_odds or 0.0)
+        return cls(outcome.group, chance.log_odds, chance.turning_point, job.folder_log_odds or 0.0)
 
     @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> Judged | None:

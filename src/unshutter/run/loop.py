@@ -11,13 +11,15 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
+from unshutter.errors import UnshutterError, errors_in_one_line
+from unshutter.run.ahead import PreviewError
 from unshutter.run.folder import Folder, Judged
 from unshutter.run.manifest import Manifest
 from unshutter.run.report import Report
 from unshutter.run.work import Job, Outcome
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.locations import RunFiles, check_place
+from unshutter.storage.targets import TargetKind
 
 
 @dataclass
@@ -46,17 +48,20 @@ class InThisProcess(Executor):
 
 
 Work = Callable[[Job], Outcome]
-_IF_UNCHANGED = 3  # the first of a job's targets that are for photos left unchanged
+_IF_UNCHANGED = (TargetKind.UNCHANGED, TargetKind.UNCHANGED_MASK)
 
 
 def check_outputs(job: Job, files: RunFiles, new_folders: bool = False) -> None:
     """Checks that a job may write its outputs, as far as a quick check can tell; new folders will be created."""
-    for k, (target, left) in enumerate(zip(job.targets, job.left, strict=True)):
-        if target is not None and not (new_folders and isinstance(target, Path) and not target.parent.is_dir()):
-            files.check(target)
-            # the worker checks the digest of what an earlier run may have written, and whether the file at the place of
-            # a copy is such a copy
-            check_place(target, job.overwrite or job.may_repeat or left is not None or k >= _IF_UNCHANGED)
+    for target in job.targets:
+        place = target.place
+        if new_folders and isinstance(place, Path) and not place.parent.is_dir():
+            continue
+        files.check(place)
+        # the worker checks the digest of what an earlier run may have written, and whether the file at the place of a
+        # copy is such a copy
+        known = target.left is not None or target.kind in _IF_UNCHANGED
+        check_place(place, job.overwrite or job.may_repeat or known)
 
 
 @dataclass
@@ -88,7 +93,7 @@ class Batch:
                 while waiting and len(self._running) + len(starting) < self.workers.at_once:
                     job = waiting.popleft()
                     if self._may_start(job):
-                        starting.append(self._begun(job))
+                        starting.append(self._record_start(job))
                 if self.manifest is not None:
                     self.manifest.flush()
                 for job in starting:
@@ -118,11 +123,11 @@ class Batch:
             with errors_in_one_line(job.source):
                 check_outputs(job, self.files)
         except UnshutterError as error:
-            self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
+            self._report_on(job, Outcome(error))
             return False
         return True
 
-    def _begun(self, job: Job) -> Job:
+    def _record_start(self, job: Job) -> Job:
         """Records the start of a job and returns it as it is sent to the worker."""
         if self.manifest is not None:
             self.manifest.begin(job)
@@ -145,8 +150,7 @@ class Batch:
             elif isinstance(error, CancelledError):
                 raise UnshutterError("the workers cannot be reached any more: run the same command again to continue")
             elif error is not None:
-                line = f"{job.source}: {type(error).__name__}: {' '.join(str(error).split())}"
-                self._finish(job, Outcome(line))
+                self._finish(job, _fail(job, f"{type(error).__name__}: {' '.join(str(error).split())}"))
             else:
                 self._finish(job, future.result())
         if crashed and self._stopping:  # the signal that stopped this process may also have ended its workers
@@ -160,14 +164,14 @@ class Batch:
         """Finds out which of the jobs killed its worker, and restarts the others."""
         overdue = {future for future in crashed if self.workers.is_overdue(future)}
         self.workers.executor = self.workers.renew()
-        for folder in {job.target.parent for job in crashed.values()}:
+        for folder in {job.picture.parent for job in crashed.values()}:
             if isinstance(folder, Path):
                 remove_leftovers(folder)
         if not overdue:
             self._one_by_one(crashed.values())
         for future, job in crashed.items():
             if future in overdue:
-                self._finish(job, self._timed_out(job))
+                self._finish(job, self._time_out(job))
             elif overdue:
                 self._start(replace(job, may_repeat=True))
 
@@ -177,34 +181,33 @@ class Batch:
             try:
                 outcome = future.result()
             except BrokenExecutor:
-                died = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
-                outcome = self._timed_out(job) if self.workers.is_overdue(future) else died
+                died = _fail(job, "its worker died: not enough memory, or a fault in a decoder")
+                outcome = self._time_out(job) if self.workers.is_overdue(future) else died
                 self.workers.executor = self.workers.renew()
             self._finish(job, outcome)
 
-    def _timed_out(self, job: Job) -> Outcome:
+    def _time_out(self, job: Job) -> Outcome:
         limit_s = self.workers.timeout_s or 0.0
-        return Outcome(f"{job.source}: given up after {limit_s:g} s (--timeout gives it longer)", seconds=limit_s)
+        return replace(_fail(job, f"given up after {limit_s:g} s ({{--timeout}} gives it longer)"), seconds=limit_s)
 
     def _finish(self, job: Job, outcome: Outcome) -> None:
         if self.manifest is not None:
             self.manifest.end(job, outcome)
-        if self.folder is not None and not outcome.error:
-            written = dict(zip(job.outputs, outcome.digests, strict=False))
-            left = tuple(None if target is None else written.get(target) for target in job.targets)
-            self.folder.add(replace(job, left=left), Judged.of(job, outcome))
+        if self.folder is not None and outcome.error is None:
+            digests = {file.place: file.digest for file in outcome.written}
+            targets = tuple(replace(target, left=digests.get(target.place)) for target in job.targets)
+            self.folder.add(replace(job, targets=targets), Judged.of(job, outcome))
         self._report_on(job, outcome)
 
     def _report_on(self, job: Job, outcome: Outcome) -> None:
-        if not outcome.error:
+        if outcome.error is None:
             self.report.done(job, outcome)
-        elif outcome.is_preview and self.report.total > 1:
-            self.report.not_taken(job)
         elif self.report.total == 1:
-            unknown = UnknownRatioError if outcome.unknown_ratio else UnshutterError
-            raise (UsageError if outcome.usage else unknown)(outcome.error)
+            raise outcome.error
+        elif isinstance(outcome.error, PreviewError):
+            self.report.not_taken(job)
         else:
-            self.report.failed(job.source, outcome.error, outcome.seconds)
+            self.report.failed(job.source, str(outcome.error), outcome.seconds)
 
     def _stop(self) -> None:
         """Drops jobs that have not started and waits for the others."""
@@ -219,6 +222,11 @@ class Batch:
                 self.report.tell("unshutter: finishing the photos in progress (press Ctrl-C again to abandon them)")
         while self._running:
             self._collect()
+
+
+def _fail(job: Job, message: str) -> Outcome:
+    """Returns the outcome of a job that no worker could end."""
+    return Outcome(UnshutterError(f"{{photo}}: {message}", photo=job.source))
 
 
 def _error_of(future: Future[Outcome]) -> BaseException | None:

@@ -107,20 +107,19 @@ class Manifest:
             finished: they are there, unmodified, from this photo with these options. another's: they come from
             another photo. open: there is work to do.
         """
-        entry = self._entries.get(self._key(job.target))
+        entry = self._entries.get(self._key(job.picture))
         if entry is None:
             return "open", job
         keys = [self._key(target) for target in job.outputs]
         now = [locations.fingerprint(target) for target in job.outputs]
         recorded, digests = entry.get("outputs", {}), entry.get("digests")
-        left: dict[locations.Place | None, str | None] = {
+        left: dict[locations.Place, str | None] = {
             target: digests.get(key)
             for target, key, found in zip(job.outputs, keys, now, strict=True)
             if isinstance(digests, dict) and found and _size(found) == _size(recorded.get(key))
         }
-        known = replace(
-            job, left=tuple(left.get(target) for target in job.targets), may_repeat=entry["state"] == "begun"
-        )
+        targets = tuple(replace(target, left=left.get(target.place)) for target in job.targets)
+        known = replace(job, targets=targets, may_repeat=entry["state"] == "begun")
         source_is = locations.fingerprint(job.source)
         if entry.get("source") != str(locations.absolute(job.source)) and entry.get("source_is") != source_is:
             return "another's", known
@@ -136,7 +135,7 @@ class Manifest:
 
     def has_begun(self, job: Job) -> bool:
         """Whether another run has begun work on a result since this manifest was opened."""
-        key = self._key(job.target)
+        key = self._key(job.picture)
         if key not in self._known and key not in self._entries:
             self._read()
         return key not in self._known and key in self._entries
@@ -160,12 +159,13 @@ class Manifest:
 
     def end(self, job: Job, outcome: Outcome) -> None:
         """Records that a job has ended, successfully or not."""
-        if outcome.error:
-            self._journal.add(json.dumps({**self._record(job, "failed"), "error": outcome.error}))
+        if outcome.error is not None:
+            self._journal.add(json.dumps({**self._record(job, "failed"), "error": str(outcome.error)}))
             return
-        keys = [self._key(target) for target in job.outputs]
-        outputs = dict(zip(keys, outcome.outputs_are, strict=False))
-        digests = dict(zip(keys, outcome.digests, strict=False))
+        written = {file.place: file for file in outcome.written}
+        files = {self._key(place): written.get(place) for place in job.outputs}
+        outputs = {key: None if file is None else file.fingerprint for key, file in files.items()}
+        digests = {key: None if file is None else file.digest for key, file in files.items()}
         origin = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         verdict = outcome.verdict.as_json() if outcome.verdict else {}
@@ -175,12 +175,12 @@ class Manifest:
 
     def judged(self, job: Job) -> Judged | None:
         """Returns what became of a photo whose result is finished; None if that says nothing about other photos."""
-        return Judged.from_json(self._entries.get(self._key(job.target), {}))
+        return Judged.from_json(self._entries.get(self._key(job.picture), {}))
 
     def _record(self, job: Job, state: str) -> dict[str, Any]:
         at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         return {
-            "target": self._key(job.target),
+            "target": self._key(job.picture),
             "state": state,
             "source": str(locations.absolute(job.source)),
             "run": self.run,

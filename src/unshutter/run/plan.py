@@ -20,18 +20,21 @@ from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
 from unshutter.readout_time import ReadoutTime
+from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.bursts import bursts_among
 from unshutter.run.inputs import PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
 from unshutter.run.manifest import NAME, Manifest
-from unshutter.run.work import SHEET_PX, Job, PreviewError, open_photo
+from unshutter.run.work import SHEET_PX, Job
 from unshutter.single.register import check_name, weights_file
 from unshutter.storage.files import check_motion_name, check_target, remove_leftovers
 from unshutter.storage.locations import Place, RunFiles, absolute, place
+from unshutter.storage.targets import Target, TargetKind
 
 if TYPE_CHECKING:
     from datetime import datetime
 
     from unshutter.frames.sequence import CameraMotion, GreyFrame
+    from unshutter.motion.finding import Finding
 
 
 # Names with these extensions are meant as files, even if a folder is needed.
@@ -86,7 +89,7 @@ class Plan:
     refused: list[tuple[Job, str]] = field(default_factory=list)
     inputs: Inputs = field(default_factory=Inputs)  # the photos
     request: Rectify = field(default_factory=Rectify)  # what is done to them
-    motion: str | None = None  # text of the motion file named in ``request``, which other machines may not have
+    given: Finding | None = None  # the motion in the file named in ``request``, which other machines may not have
     run: Run = field(default_factory=Run)  # how
     files: RunFiles = field(default_factory=RunFiles)  # the files that are read and written
     home: Place | None = None  # folder of the manifest; None if no later run will look for the results
@@ -95,14 +98,14 @@ class Plan:
     def makes_a_set(self) -> bool:
         """Whether the results seem meant for photogrammetry: with masks or the photos' names, and all of them."""
         save = self.request.save
-        return not save.only_changed and (save.keep_names or any(job.mask_target for job in self.to_do))
+        return not save.only_changed and (save.keep_names or any(job.target(TargetKind.MASK) for job in self.to_do))
 
     @property
     def judged_together(self) -> bool:
         """Whether the photos of a folder say together how many of them moved (folder.py)."""
         request = self.request
         camera, neighbours = request.find.camera, request.neighbours
-        alone = neighbours.each_alone or neighbours or neighbours.sequence or self.motion is not None
+        alone = neighbours.each_alone or neighbours or neighbours.sequence or self.given is not None
         decided = camera.moving or camera.candidate is not None or request.undo.min_confidence is not None
         return self.inputs.many and not alone and not decided
 
@@ -112,7 +115,7 @@ class Plan:
         for job in jobs:
             state, known = manifest.compared(job)
             if state == "another's" and not overwrite:
-                reason = f"{job.target} is the result of another photo: choose another folder, or use --overwrite"
+                reason = f"{job.picture} is the result of another photo: choose another folder, or use --overwrite"
                 self.refused.append((job, f"{job.source}: {reason}"))
             elif state == "finished" and not overwrite:
                 self.finished.append(known)
@@ -125,11 +128,12 @@ def planned(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
     request = _checked(request, inputs, into, run)
     jobs, home = _jobs_for(inputs, into, request, run), _manifest_folder(inputs, into, run)
     check_name(request.find.estimator)
-    motion = None
+    given = None
     if request.motion is not None:
         from unshutter.motion import Motion  # imported here: NumPy comes after decoding has begun
+        from unshutter.motion.finding import Finding
 
-        motion = Motion.load(request.motion).to_json()
+        given = Finding(Motion.load(request.motion))
     weights = weights_file(request.find.estimator)
     if run.preview is not None:
         of_target(run.preview)
@@ -138,15 +142,15 @@ def planned(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
     if home is not None:
         files.writes("the manifest", home / f"{NAME}.jsonl")
         files.check(home / f"{NAME}.jsonl")
-    purposes = ("the picture", "its motion", "its mask", "the picture", "its mask")
-    for what, targets in zip(purposes, zip(*(job.targets for job in jobs), strict=True), strict=True):
-        files.writes(what, *targets)
-    for job in jobs[:1]:  # those of several photos are named here
-        check_motion_name(job.motion_target.name if job.motion_target else ".json")
+    for kind in TargetKind:
+        targets = [target.place for job in jobs if (target := job.target(kind)) is not None]
+        files.writes(kind.purpose, *targets)
+        if kind is TargetKind.MOTION and len(targets) == 1:  # those of several photos are named here
+            check_motion_name(targets[0].name)
     if run.preview is not None:
         check_target(run.preview, run.overwrite)
         remove_leftovers(run.preview.parent)
-    return Plan(jobs, inputs=inputs, request=request, motion=motion, run=run, files=files, home=home)
+    return Plan(jobs, inputs=inputs, request=request, given=given, run=run, files=files, home=home)
 
 
 def _checked(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Rectify:
@@ -185,38 +189,45 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
     rectified = partial(picture_name, format=request.save.format, keep=request.save.keep_names)
     unchanged: dict[Place, Place] = {}
     if into.pictures is not None:
-        targets = _plan_targets(inputs, into.pictures, rectified)
+        pictures = _plan_targets(inputs, into.pictures, rectified)
         own_name = partial(unchanged_name, format=request.save.format, keep=request.save.keep_names)
         unchanged = _plan_targets(inputs, into.pictures, own_name)
         unchanged = {photo: copy for photo, copy in unchanged.items() if not _is_same(photo, copy)}
     else:  # next to the photos, only what changes is written
-        targets = _all_different({photo: photo.with_name(rectified(photo)) for photo in inputs.photos})
+        pictures = _all_different({photo: photo.with_name(rectified(photo)) for photo in inputs.photos})
     motions = motion_targets(inputs, into.motions) if into.motions else {}
     if into.masks:
         into.masks.must_be_folder("masks need")
     where = absolute if run.scheduler is not None else lambda path: path  # other machines: other working folders
 
-    def mask(photo: Place, picture: Place) -> Place | None:
-        """The picture's whole name plus ``.png``, as COLMAP expects."""
-        return where(into.masks.place / inputs.photos[photo] / f"{picture.name}.png") if into.masks else None
+    def name_mask(photo: Place, picture: Place) -> Place | None:
+        """Returns the picture's whole name plus ``.png``, as COLMAP expects."""
+        return into.masks.place / inputs.photos[photo] / f"{picture.name}.png" if into.masks else None
 
-    preview_px = 0 if len(targets) == 1 else SHEET_PX
-    for file in (file for pair in targets.items() for file in pair if request.save.keep_times):
+    def list_targets(photo: Place, picture: Place) -> tuple[Target, ...]:
+        copy = unchanged.get(photo)
+        places = {
+            TargetKind.PICTURE: picture,
+            TargetKind.MOTION: motions.get(photo),
+            TargetKind.MASK: name_mask(photo, picture),
+            TargetKind.UNCHANGED: copy,
+            TargetKind.UNCHANGED_MASK: name_mask(photo, copy or picture),
+        }
+        return tuple(Target(where(place), kind) for kind, place in places.items() if place is not None)
+
+    preview_px = 0 if len(pictures) == 1 else SHEET_PX
+    for file in (file for pair in pictures.items() for file in pair if request.save.keep_times):
         if not isinstance(file, Path):  # only the store sets times of objects
             raise UsageError(f"{{--keep-times}} is for files, and {file} is behind a URL: leave it out")
     jobs = [
         Job(
             source=where(photo),
-            target=where(target),
-            motion_target=where(motions[photo]) if motions else None,
-            mask_target=mask(photo, target),
-            unchanged=where(unchanged[photo]) if photo in unchanged else None,
-            unchanged_mask=mask(photo, unchanged.get(photo, target)),
+            targets=list_targets(photo, picture),
             overwrite=run.overwrite,
             max_pixels=run.max_pixels,
             preview_px=preview_px if run.preview is not None else None,
         )
-        for photo, target in targets.items()
+        for photo, picture in pictures.items()
     ]
     _check_apart((job.source, target) for job in jobs for target in job.outputs)  # results and unchanged copies
     return jobs
@@ -349,7 +360,7 @@ def _grey_frames(
     interval: timedelta | None = None
     for where in photos:
         try:
-            photo = open_photo(where, max_pixels)
+            photo = open_input(where, max_pixels)
             frame = finder.look(photo)
         except PreviewError:  # not a frame: its neighbours are each other's
             continue

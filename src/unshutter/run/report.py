@@ -15,8 +15,9 @@ from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.photo import PREVIEW
 from unshutter.progress import Progress, rate, tell
 from unshutter.reasons import Cause, Code, percent, pixels
+from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.inputs import MADE_BY_US, Inputs
-from unshutter.run.work import Job, Outcome, PreviewError, open_photo
+from unshutter.run.work import Job, Outcome
 from unshutter.storage.files import JsonLog
 from unshutter.storage.locations import Place, absolute, fingerprint
 
@@ -72,7 +73,7 @@ class Report:
         for folder, reason in self._inputs.unreadable:
             self.failed(folder, f"cannot read folder {folder}: {reason}")
         for job in self._plan.finished:  # when the batch began, or by another run
-            self._count("skipped", job.source, target=str(job.target))
+            self._count("skipped", job.source, target=str(job.picture))
             if self._preview is not None:
                 self._preview.add_finished(job)
         for job, reason in self._plan.refused:
@@ -110,7 +111,7 @@ class Report:
         details = "; ".join(filter(None, (details, *more)))
         if job.burst is not None:
             details = "; ".join(filter(None, (details, job.burst.described())))
-        what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
+        what = f"{job.source} -> {job.picture}" if changed else f"{job.source} left unchanged"
         what += " after all" if again else ""
         self.tell(f"{what} ({details})" if details else what)
         self._bar.advance(0 if again else 1)
@@ -245,7 +246,8 @@ def exit_code(failed: int, total: int) -> int:
 
 def about(verdict: Verdict) -> str:
     """Describes the verdict, why a film inside the photo was not used, and what the user can do."""
-    film = "" if verdict.film is None else f"{verdict.film}: not used"
+    unused = verdict.finding.motion.film
+    film = "" if unused is None else f"{unused}: not used"
     return "; ".join(filter(None, (verdict.described(), film, _advice(verdict))))
 
 
@@ -294,9 +296,9 @@ class Preview:
         if job.preview_px is None:
             return
         with suppress(UnshutterError):
-            before = after = open_photo(job.source, job.max_pixels).upright(job.preview_px)
-            if fingerprint(job.target) is not None:  # an unchanged photo may have no result
-                after = open_photo(job.target, job.max_pixels).upright(job.preview_px)
+            before = after = open_input(job.source, job.max_pixels).upright(job.preview_px)
+            if fingerprint(job.picture) is not None:  # an unchanged photo may have no result
+                after = open_input(job.picture, job.max_pixels).upright(job.preview_px)
             self._add(job.source, f"{job.source.name}: finished already", (before, after))
 
     def _add(self, photo: Place, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:

@@ -17,8 +17,9 @@ from typing import cast
 
 import numpy as np
 
+from unshutter.motion.finding import Candidate, KindOfMotion
 from unshutter.motion.motion import Chance, Motion
-from unshutter.motion.verdict import LIKELY, Candidate, KindOfMotion, is_measurable
+from unshutter.motion.verdict import LIKELY, is_measurable
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prospects import MOVING, Mode, Prospect, experience, prospect

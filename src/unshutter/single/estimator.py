@@ -11,8 +11,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.finding import Candidate, list_single
 from unshutter.motion.upright import Pose, Stated
-from unshutter.motion.verdict import Candidate, alone
 from unshutter.options import Camera
 from unshutter.orientation import Readout, scene_up
 from unshutter.photo import Photo
@@ -226,4 +226,4 @@ class Estimator(ABC):
 
         Methods that find several override this.
         """
-        return alone(self.estimate(view), view.photo.orientation)
+        return list_single(self.estimate(view), view.photo.orientation)

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
+from unshutter.motion.finding import Candidate, list_single
 from unshutter.motion.upright import Pose
-from unshutter.motion.verdict import Candidate, alone
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
 from unshutter.single.candidates import LEAST_GAIN, candidates_by_smear, candidates_of
@@ -40,28 +39,8 @@ class DoNothing(Estimator):
         return view.no_motion(self.name, Reason(Code.ASKED_FOR_NOTHING))
 
 
-def find_motion(estimator: Estimator, view: View) -> Motion:
-    """Returns the motion of a photo, first row as the reference, with what is known apart from its pixels."""
-    return chosen(find_candidates(estimator, view), view.camera.candidate)
-
-
-def chosen(candidates: tuple[Candidate, ...], number: int | None) -> Motion:
-    """Returns the motion of a candidate, counted from 1; None: the first, with its confidence.
-
-    One that a person has chosen has no confidence, as no doubt remains.
-    """
-    if number is None:
-        return candidates[0].motion
-    if number > len(candidates):
-        listed = ", ".join(each.description for each in candidates)
-        raise UnshutterError(f"there is no candidate {number}: the photo has {len(candidates)} ({listed})")
-    taken = candidates[number - 1]
-    strength = 0 if taken.kind == "still" else 1  # "as it is" leaves no trace of motion, either
-    return replace(taken.motion.scaled(strength), confidence=None)
-
-
 def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
-    """Returns the possible motions of a photo, that of :func:`find_motion` first, including no change.
+    """Returns the possible motions of a photo, the best one first, including no change.
 
     Motions that would have blurred the photo more than it is are dropped; if this removes the first one, it is
     replaced by zero motion with the reason. So it is where a wide lens bends lines, unless a focal length is stated.
@@ -95,7 +74,7 @@ class _RightAngles(Estimator):
         segments, size = segments_of(view)
         reason = unusable(segments, view.height, view.width)
         if reason:
-            return alone(view.no_motion(self.name, reason), view.photo.orientation)
+            return list_single(view.no_motion(self.name, reason), view.photo.orientation)
         candidates, posterior = self._modes(view, segments, size)
         return _with_poses(candidates, posterior, likelihood_of(view, segments, size, beliefs=_HELD_ASKEW), view)
 

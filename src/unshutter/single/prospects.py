@@ -20,7 +20,7 @@ from unshutter.single.search import PX, bend, displacement
 if TYPE_CHECKING:
     import numpy as np
 
-    from unshutter.motion.verdict import KindOfMotion
+    from unshutter.motion.finding import KindOfMotion
     from unshutter.single.prior import Experience
     from unshutter.single.search import Posterior
 

@@ -20,7 +20,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
-from unshutter.motion.verdict import Verdict
+from unshutter.motion.finding import Finding
+from unshutter.motion.verdict import judge
 from unshutter.options import Reference, Undo
 from unshutter.photo import Photo
 from unshutter.single.candidates import LEAST_GAIN
@@ -111,7 +112,7 @@ class Answer:
             "failed": self.failed,
             "confidence": self.motion.confidence,
             "farthest": farthest if np.isfinite(farthest) else None,
-            "left_alone": Verdict.of(self.motion, Undo()).cause or "",
+            "left_alone": judge(Finding(self.motion), Undo()).cause or "",
             "kind": max(kinds, key=kinds.__getitem__, default=""),
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),

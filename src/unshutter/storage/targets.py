@@ -1,0 +1,47 @@
+"""The files that may come of one photo, what each is for, and what was written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from unshutter.storage.locations import Place
+
+
+class TargetKind(StrEnum):
+    """What a file is for. Its value is its name in messages."""
+
+    purpose: str
+
+    def __new__(cls, word: str, purpose: str) -> TargetKind:
+        """Creates a member, whose value is its word."""
+        member = str.__new__(cls, word)
+        member._value_, member.purpose = word, purpose
+        return member
+
+    PICTURE = "picture", "the picture"  # of a photo that changes
+    MOTION = "motion", "its motion"
+    MASK = "mask", "its mask"  # of the valid pixels of a photo that changes
+    UNCHANGED = "unchanged", "the picture"  # of a photo that is left unchanged: usually a copy of its file
+    UNCHANGED_MASK = "unchanged mask", "its mask"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A file that may be written."""
+
+    place: Place
+    kind: TargetKind = TargetKind.PICTURE
+    left: str | None = None  # digest of what an earlier run wrote there; a file that still has it may be replaced
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file that was written."""
+
+    place: Place
+    kind: TargetKind = TargetKind.PICTURE
+    left_out: tuple[str, ...] = ()  # names of metadata that it lacks: ("IPTC", "texts")
+    encoded_as: str = ""  # its format, if a photo that is left unchanged was not copied: "PNG"
+    fingerprint: str | None = None
+    digest: str | None = None  # of its bytes, if it is recorded
