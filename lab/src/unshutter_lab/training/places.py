@@ -1,4 +1,4 @@
-"""Training samples from places: views of cube maps, drawn anew for every sample, so that no picture is seen twice.
+"""Training samples from places: views of cube maps, a new one for every sample, so that none is seen twice.
 
 The camera turns as people hold theirs, at times towards towers. It moves by the paper's quadratics, or turns about all
 three axes as hands do and when it pans; the network's answer is then the t_x and r_z that come nearest.
