@@ -8,7 +8,7 @@ import pytest
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.saving import check_result
-from unshutter.storage.files import check_target, digest, remove_leftovers, remove_own_parts, written_whole
+from unshutter.storage.files import check_target, digest, new_hash, remove_leftovers, remove_own_parts, written_whole
 from unshutter.storage.opened import Opened
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and permissions")
@@ -136,3 +136,9 @@ def test_a_process_that_is_ended_takes_its_own_along(tmp_path: Path) -> None:
         part.write_bytes(b"half")
         remove_own_parts()
         assert os.listdir(tmp_path) == [".unshutter-0123456789abcdef.part.jpg"]
+
+
+def test_a_digest_is_the_one_that_manifests_of_earlier_versions_have(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes(b"abc")
+    assert digest(tmp_path / "a.txt") == "cf4ab791c62b8d2b2109c90275287816"  # b2sum -l 128
+    assert new_hash(b"abc").hexdigest() == "cf4ab791c62b8d2b2109c90275287816"

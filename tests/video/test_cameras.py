@@ -3,6 +3,7 @@
 import json
 import re
 from importlib.resources import files
+from statistics import median, quantiles
 
 import pytest
 
@@ -188,3 +189,21 @@ def test_an_unknown_camera_is_refused_for_every_clip(tmp_path, capsys):
     gpmf.with_settings(clip, gpmf.entry(b"EISE", b"c", b"Y"))
     assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--camera", "iPhone 99"]) == 2
     assert "no camera called 'iPhone 99': did you mean Apple iPhone 14" in capsys.readouterr().err
+
+
+def test_the_usual_time_of_phones_leaves_out_a_twentieth_at_each_end():
+    """The value that is usual is the median; Python's statistics calculate the same from the table."""
+    phones = {"apple", "samsung", "xiaomi", "redmi", "realme", "poco", "oneplus", "huawei", "honor", "zte", "ulefone"}
+    phones |= {"oppo", "vivo", "nothing", "google"}
+    rates = 30 / 1.3, 30 * 1.3
+    times = [
+        mode.readout_ms
+        for mode in cameras.table()
+        if mode.brand.split()[0].lower() in phones and rates[0] < mode.fps < rates[1]
+    ]
+    assert len(times) > 20
+    twentieths = quantiles(times, n=20, method="inclusive")
+    found = cameras.usual_time({"make": "Apple", "model": "unknown"}, 1 / 30)
+    assert found.plausible_ms == pytest.approx((twentieths[0], twentieths[-1]))
+    assert found.ms == pytest.approx(median(times))
+    assert found.camera == "phones" and found.source == "usual value"

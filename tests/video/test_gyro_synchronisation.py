@@ -15,9 +15,9 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
-from unshutter.video.clip_gyro import synchronised
-from unshutter.video.gyro_fit import GyroTurns
-from unshutter.video.gyro_log import GyroLog
+from unshutter.video.clip_gyro import Synchronisation, synchronised
+from unshutter.video.gyro_fit import Adjusted, GyroTurns
+from unshutter.video.gyro_log import Alignment, GyroLog
 
 SHIFT, BIAS = 0.137, (0.01, -0.005, 0.003)
 FOCAL = hand_held.FOCAL * ROWS / hand_held.HEIGHT
@@ -167,3 +167,22 @@ def test_a_log_of_half_an_hour_takes_little_memory():
     finally:
         tracemalloc.stop()
     assert found.reason is None and found.alignment.offset_s == pytest.approx(0.3 / 30, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "error", "shows"),
+    [
+        (0.03, 0.0, True),  # a fast sensor: 1 ms at 30 frames a second
+        (0.01, 0.0, False),  # a global shutter
+        (1.02, 0.0, True),  # as long as a frame, within the error
+        (1.04, 0.0, False),
+        (0.5, 0.019, True),
+        (0.5, 0.021, False),
+    ],
+)
+def test_only_a_possible_and_sure_ratio_is_shown(ratio, error, shows):
+    alignment = Alignment(np.eye(3), 0.0, 0.0, 0.0, np.zeros(3), FOCAL, ratio, 1 / 30)
+    found = Synchronisation(Adjusted(alignment, 0.1, error), follows=0.95, turns_px=5.0, ratio_known=False)
+    assert found.shows_ratio == shows
+    assert not replace(found, ratio_known=True).shows_ratio
+    assert not replace(found, follows=0.8).shows_ratio
