@@ -213,26 +213,56 @@ def rounds(mutant: Mutant) -> Iterator[tuple[str, list[str]]]:
             yield name, [str(path.relative_to(ROOT)) for path in left]
 
 
-def notice(mutant: Mutant, source: Path, options: list[str], last: str) -> str:
-    """The first test that fails, or nothing."""
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(filter(None, [str(source.parent), os.environ.get("PYTHONPATH")])),
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    for name, files in rounds(mutant):
-        words = [sys.executable, "-m", "pytest", "-x", "--tb=no", "-p", "no:cacheprovider", *options, *files]
+class Trial:
+    """Runs tests on a changed copy of the package.
+
+    Args:
+        folder: where the copy is made.
+        options: of pytest.
+    """
+
+    def __init__(self, folder: Path, options: list[str]):
+        self._package, self._options = folder / "src" / "unshutter", options
+        self._broken: list[str] = []  # tests that fail without any change
+        shutil.copytree(SOURCE, self._package, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def notice(self, mutant: Mutant, last: str) -> str:
+        """The first test that fails because of a change, or nothing."""
+        original = (SOURCE / mutant.file).read_bytes()
+        for name, files in rounds(mutant):
+            while True:
+                (self._package / mutant.file).write_bytes(mutant.apply(original))
+                failed = self._failed(files)
+                (self._package / mutant.file).write_bytes(original)
+                if not failed or "::" not in failed or not self._failed([failed]):
+                    break
+                self._broken.append(failed)
+            if failed or name == last:
+                return failed and f"{name}: {failed}"
+        return ""
+
+    def _failed(self, tests: list[str]) -> str:
+        """The first test that fails, or how else pytest ends; nothing if all pass."""
+        paths = str(self._package.parent), os.environ.get("PYTHONPATH")
+        environment = {"PYTHONPATH": os.pathsep.join(filter(None, paths)), "PYTHONDONTWRITEBYTECODE": "1"}
+        without = [word for test in self._broken for word in ("--deselect", test)]
+        words = [sys.executable, "-m", "pytest", "-x", "--tb=no", "-p", "no:cacheprovider", *self._options, *without]
         try:
             done = subprocess.run(
-                words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
+                [*words, *tests],
+                cwd=ROOT,
+                env=os.environ | environment,
+                capture_output=True,
+                text=True,
+                timeout=LONGEST_S,
+                check=False,
             )
         except subprocess.TimeoutExpired:
-            return f"{name}: takes more than {LONGEST_S} s"
-        if done.returncode not in (0, 5):  # 5: no test was chosen
-            failed = re.search(r"^(?:FAILED|ERROR) (.*)", done.stdout, re.MULTILINE)
-            return f"{name}: {failed[1] if failed else (done.stdout + done.stderr)[-200:]}"
-        if name == last:
+            return f"takes more than {LONGEST_S} s"
+        if done.returncode in (0, 5):  # 5: no test was chosen
             return ""
-    return ""
+        found = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - .*)?$", done.stdout, re.MULTILINE)
+        return found[1] if found else (done.stdout + done.stderr)[-200:]
 
 
 def main() -> None:
@@ -249,19 +279,15 @@ def main() -> None:
     options = ["-n", asked.workers, *(["--all"] if asked.all else [])]
     noticed = tried = 0
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "src" / "unshutter"
-        shutil.copytree(SOURCE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+        trial = Trial(Path(folder), options)
         for number, mutant in enumerate(drawn, 1):
             if asked.only and number not in asked.only:
                 continue
             if asked.list:
                 print(number, mutant)
                 continue
-            original = (SOURCE / mutant.file).read_bytes()
-            (copy / mutant.file).write_bytes(mutant.apply(original))
             began = time.monotonic()
-            by = notice(mutant, copy, options, asked.last)
-            (copy / mutant.file).write_bytes(original)
+            by = trial.notice(mutant, asked.last)
             tried += 1
             noticed += bool(by)
             print(f"{number}\t{mutant}\t{by or 'NOT NOTICED'}\t{time.monotonic() - began:.0f} s", flush=True)
