@@ -82,7 +82,7 @@ def dropped(page: Page, link: str, photo: Path) -> float:
 def saved(page: Page) -> float:
     began = time.perf_counter()
     with page.expect_download() as download:
-        page.click("#do-saveOne")
+        page.click("#saveOne")
     download.value.path()
     return time.perf_counter() - began
 

@@ -1,7 +1,7 @@
 """Reasons why no motion was found or a motion is not undone: a code with its figures, and the English sentences.
 
-The program branches on codes, never on sentences. Each interface has its own wording: Python, the command line and the
-logs use the sentences below; the page has its own (page/web/words.js). Advice on what to do next belongs to the
+The program branches on codes, never on sentences. Python, the command line and the logs use the sentences below, and so
+does the page, except for those that page/sentences.py words otherwise. Advice on what to do next belongs to the
 interface, since it names a flag or a button.
 """
 

@@ -3,7 +3,6 @@
 import json
 import zipfile
 from pathlib import Path
-from string import Formatter
 
 import numpy as np
 from playwright.sync_api import Browser, Page, expect
@@ -13,7 +12,6 @@ from support.browser import SLOW_MS, drop, wait_for
 from support.frame_pairs import Scene
 from support.page_server import TOKEN, Server, served
 from unshutter.photo import Photo
-from unshutter.reasons import Code, Reason
 
 
 def _image(page: Page, which: str) -> list[int]:
@@ -30,28 +28,12 @@ def _image(page: Page, which: str) -> list[int]:
     )
 
 
-def test_every_reason_has_its_words(page: Page) -> None:
-    """Each code of the program has a sentence on the page, complete with the figures that the program sends."""
-    for code in Code:
-        names = [name for _, name, _, _ in Formatter().parse(code.sentence) if name]
-        about = Reason.of(code, **dict.fromkeys(names, 3)).as_json()
-        line = page.evaluate(
-            "async about => (await import('/page/words.js')).reasons[about.code]?.(about.figures) ?? null", about
-        )
-        assert line is not None, f"{code} has no words in page/web/words.js"
-        assert all(bad not in str(line) for bad in ("undefined", "NaN", "--")), line
-    codes = page.evaluate("async () => Object.keys((await import('/page/words.js')).reasons)")
-    assert sorted(codes) == sorted(map(str, Code))
-
-
 def test_a_reason_in_the_words_of_the_page(page: Page, tmp_path: Path) -> None:
+    """As the program sends it (tests/page/test_sentences.py)."""
     Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
     drop(page, tmp_path / "grey.png")
     wait_for(page, "alone")
     expect(page.locator("#panel .said")).to_contain_text("Left unchanged: only 0 straight lines were found.")
-    about = {"code": "no-visible-motion", "figures": {}, "reason": "no visible motion", "confidence": 0.96}
-    line = page.evaluate("async about => (await import('/page/words.js')).words.why(about)", about)
-    assert line == "no motion can be seen (confidence 96 %)"
 
 
 def test_the_token_leaves_the_address(page: Page) -> None:
@@ -141,7 +123,7 @@ def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
     assert zipfile.ZipFile(download.value.path()).namelist() == ["street.rectified.jpg", "large.rectified.jpg"]
     page.evaluate("""() => new MutationObserver((_, observer) => {
         const box = document.getElementById('saving');
-        if (!box.hidden) { observer.disconnect(); document.getElementById('saving-stop').click(); }
+        if (!box.hidden) { observer.disconnect(); document.getElementById('stopSaving').click(); }
     }).observe(document.getElementById('saving'), { attributes: true })""")
     page.get_by_role("button", name="Save these 2 (zip)").click()
     expect(page.locator("#notice")).to_contain_text("Cancelled")

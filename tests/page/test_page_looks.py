@@ -273,7 +273,7 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     page.goto(server.link)
     drop(page, photo)
     wait_for(page)
-    stage, panel, save = (page.locator(each).bounding_box() for each in ("#stage", "#panel", "#do-saveOne"))
+    stage, panel, save = (page.locator(each).bounding_box() for each in ("#stage", "#panel", "#saveOne"))
     assert stage is not None and panel is not None and save is not None
     shown = page.locator(".compare").bounding_box()
     assert shown is not None and abs(shown["width"] - 390) < 1 and abs(shown["height"] - stage["height"]) < 1  # no bars
@@ -318,7 +318,7 @@ def test_on_a_phone_the_verdict_is_seen_and_the_next_photo_starts_at_its_top(
     drop(page, long, tmp_path / "b.jpg", tmp_path / "empty.jpg")
     for number, state in enumerate(("changed", "changed", "failed"), start=1):
         wait_for(page, state, number)
-    names = ("#panel .said p:first-child", "#do-saveOne", "#name", "#name span:last-child")
+    names = ("#panel .said p:first-child", "#saveOne", "#name", "#name span:last-child")
     verdict, save, name, ending = (page.locator(each).evaluate(BOX) for each in names)
     assert save["bottom"] <= verdict["top"] and verdict["bottom"] <= 844
     assert name["right"] >= ending["right"] - 1  # the end of the name is not cut off
@@ -330,7 +330,7 @@ def test_on_a_phone_the_verdict_is_seen_and_the_next_photo_starts_at_its_top(
     expect(page.locator("#stage .message")).to_contain_text("empty.jpg is empty")
     page.get_by_role("button", name="Remove all that failed").click()
     expect(page.locator("#thumbnails li")).to_have_count(2)
-    expect(page.locator("#remove-failed")).to_be_hidden()
+    expect(page.locator("#removeFailed")).to_be_hidden()
     page.close()
 
 
@@ -348,7 +348,7 @@ def test_a_phone_on_its_side_and_large_text(
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     overlapping = page.evaluate(
         """() => {
-            const shown = [...document.querySelectorAll("#bar > *, #panel .field > *, #panel .said p, #do-saveOne")]
+            const shown = [...document.querySelectorAll("#bar > *, #panel .field > *, #panel .said p, #saveOne")]
                 .filter((node) => node.checkVisibility() && node.getBoundingClientRect().width);
             const boxes = shown.map((node) => node.getBoundingClientRect());
             const meet = (one, other) => one.left < other.right - 1 && other.left < one.right - 1

@@ -2,11 +2,13 @@
 
 import json
 import re
+from pathlib import Path
 
 from playwright.sync_api import Page, Route, expect
 
 from support.browser import drop, wait_for
 from unshutter.options.clip_options import RectifyClip
+from unshutter.page import sentences
 from unshutter.page.app import PAGE
 from unshutter.page.settings import PhotoOptions, fields, page_module
 
@@ -100,7 +102,8 @@ def test_no_word_and_no_style_is_dead() -> None:
     scripts = {file.name: file.read_text("utf-8") for file in PAGE.glob("*.js")}
     html, styles = ((PAGE / name).read_text("utf-8") for name in ("index.html", "style.css"))
     words = scripts["words.js"].partition("export const words = ")[2].partition("\n};")[0]
-    where = html + words + "".join(text for name, text in scripts.items() if name != "words.js") + page_module()
+    program = page_module() + Path(sentences.__file__).read_text("utf-8")  # which advises buttons by their names
+    where = html + words + "".join(text for name, text in scripts.items() if name != "words.js") + program
     used = re.compile(r"words\.(\w+)|data-(?:word|label)=\"(\w+)\"|[\"']([\w-]+)[\"']")
     names = {name for match in used.finditer(where) for name in match.groups() if name}
     assert set(re.findall(r'^  "?([\w-]+)"?:', words, re.MULTILINE)) <= names

@@ -29,6 +29,7 @@ from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.guard import Guard, Limits
 from unshutter.page.opened import Kind
 from unshutter.page.saves import Item, Saving, Savings, To, photo_result
+from unshutter.page.sentences import OTHER_NEIGHBOURS, advice, reason_json
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, refusal
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
 from unshutter.progress import tell
@@ -389,15 +390,21 @@ async def _refusal(request: Request, error: Exception) -> Response:
         return _line(error.detail, error.status_code, error.headers)
     if isinstance(error, UnshutterError):
         status = next(status for kind, status in _STATUSES.items() if isinstance(error, kind))
-        about = error.reason.as_json() if isinstance(error, UnknownRatioError) else {}
-        reason = {name: about[name] for name in ("code", "figures") if name in about}
-        return JSONResponse({**refusal(error), **reason}, status, _HEADERS.get(status))
+        return JSONResponse({**refusal(error), **_help_with(request, error)}, status, _HEADERS.get(status))
     if isinstance(error, OSError):  # for example, a full disc
         return _line(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):
         raise error
     tell(f"unshutter: unexpected {type(error).__name__} (UNSHUTTER_DEBUG=1 shows more)")
     return _line(f"unexpected {type(error).__name__}: please report it", 500)
+
+
+def _help_with(request: Request, error: UnshutterError) -> dict[str, Any]:
+    """Returns what the page says instead of the error, where that is a reason, and its buttons that may help."""
+    if isinstance(error, UnknownRatioError):
+        return {**reason_json(error.reason), "advice": advice(error.reason)}
+    with_neighbours = request.query_params.keys() & {"before", "after"}
+    return {"advice": OTHER_NEIGHBOURS} if with_neighbours else {}
 
 
 def _line(line: str, status: int, headers: Mapping[str, str] | None = None) -> Response:

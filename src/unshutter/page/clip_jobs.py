@@ -14,7 +14,9 @@ from unshutter.frames.pyav import av
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
 from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, digest, errors_of, kept, put, put_text
+from unshutter.page.sentences import reason_json, sentence
 from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Reason
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,7 +68,7 @@ def after(
         pixels = _small(warper.rectified(moving).picture, longest, moving.frame)
         result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
         if moving.motion.reason is not None:
-            about = moving.motion.reason.as_json()
+            about = reason_json(moving.motion.reason)
             result |= {"reason": about["sentence"], "code": about["code"], "figures": about["figures"]}
         return as_jpeg(pixels), result
 
@@ -104,7 +106,8 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
     with _look(open_file, {target: target.name, target.parent: "the folder"}) as clip:
         time = _time_of(open_file, clip, options, progress)
         record = rectify_clip_file(str(open_file.path), str(target), options, time, progress.note).as_json()
-    return {name: record[name] for name in ("frames", "rectified", "left_out", "declined")}
+    declined = [sentence(Reason.from_json(each)) for each in record["declined"]]
+    return {**{name: record[name] for name in ("frames", "rectified", "left_out")}, "declined": declined}
 
 
 @contextmanager

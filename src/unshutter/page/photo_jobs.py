@@ -28,6 +28,7 @@ from unshutter.page.opened import (
     shares,
     small_copy,
 )
+from unshutter.page.sentences import reason_json, verdict_json
 from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
@@ -174,7 +175,7 @@ def _rectify_alone(
     verdict = judge(finding.fit(height, width) if draft else finding, undo)
     if draft:
         verdict = replace(verdict, largest_px=verdict.largest_px * photo.height / height)
-    result, edges = {**verdict.as_json(), **_finding_json(verdict)}, undo.edges
+    result, edges = {**verdict_json(verdict), **_finding_json(verdict)}, undo.edges
     if not verdict.changes:
         return pixels, result
     motion, upright = verdict.motion, verdict.upright
@@ -207,7 +208,7 @@ def _rectify_between(
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
     verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
-    result = {**verdict.as_json(), "neighbours": True, "shape": None, "readout": str(sequence.readout)}
+    result = {**verdict_json(verdict), "neighbours": True, "shape": None, "readout": str(sequence.readout)}
     if not frame.changed:
         return frame.pixels, result
     rows, cols = frame.valid.shape
@@ -223,7 +224,7 @@ def _finding_json(verdict: Verdict) -> dict[str, Any]:
     rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
     return {
         "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
-        "film": motion.film.as_json() if motion.film else None,
+        "film": reason_json(motion.film) if motion.film else None,
         "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
         "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
     }

@@ -1,21 +1,22 @@
 // What the page asks of the program. Every request carries the token of the link that opened the page.
 
-import { labelOf } from "./described.js";
-import { words } from "./words.js";
+/** @import { About, Advised, Refusal } from "./types.js" */
+
+import { labelOf } from "./form.js";
 
 const RETRY_MS = 1000;
 const KEY = "unshutter-token";
 
 export class Refused extends Error {
-  // code: of the reason, where the program states one.
-  constructor(status, line, code = "") {
+  /** @param {number} status @param {string} line @param {Advised[]} [advice] buttons that may help */
+  constructor(status, line, advice = []) {
     super(line);
     this.status = status;
-    this.code = code;
+    this.advice = advice;
   }
 }
 
-// The token goes from the address to this tab's memory: not into bookmarks, history or screenshots.
+/** The token goes from the address to this tab's memory: not into bookmarks, history or screenshots. */
 function takeToken() {
   const address = new URL(location.href);
   const token = address.searchParams.get("token");
@@ -28,22 +29,30 @@ function takeToken() {
 }
 
 const token = takeToken();
-const headers = (more = {}) => ({ Authorization: `Bearer ${token}`, ...more });
-const rest = (ms) => new Promise((done) => setTimeout(done, ms));
+const headers = { Authorization: `Bearer ${token}` };
+/** @param {number} ms */
+export const rest = (ms) => new Promise((done) => setTimeout(done, ms));
+
+/** @typedef {"gone" | "old link" | ""} Health */
+/** @type {Set<(health: Health) => void>} */
 const watchers = new Set();
 
-// Calls back with "gone", "old link" or "" whenever it becomes known how the program is.
+/** Calls back whenever it becomes known how the program is. @param {(health: Health) => void} callback */
 export const onHealth = (callback) => watchers.add(callback);
+/** @param {Health} health */
 const tell = (health) => watchers.forEach((callback) => callback(health));
 
-// Asks, and asks again while the program is busy or gone; raises Refused.
+/**
+ * Asks, and asks again while the program is busy or gone; raises Refused.
+ * @param {string} path @param {RequestInit} [options]
+ */
 export async function ask(path, options = {}) {
   for (;;) {
     let answer;
     try {
-      answer = await fetch(path, { ...options, headers: headers(options.headers) });
+      answer = await fetch(path, { ...options, headers });
     } catch (error) {
-      if (error.name === "AbortError") throw error;
+      if (isAbort(error)) throw error;
       tell("gone");
       await rest(RETRY_MS);
       continue;
@@ -58,23 +67,32 @@ export async function ask(path, options = {}) {
   }
 }
 
+/** Whether a question was taken back. @param {unknown} error */
+export const isAbort = (error) => error instanceof DOMException && error.name === "AbortError";
+
+/** @param {Response} answer */
 async function refusal(answer) {
   try {
+    /** @type {Refusal} */
     const told = await answer.json();
-    const { code, figures } = told;
-    return new Refused(answer.status, words.why({ code, figures, reason: lineOf(told) }), code);
+    return new Refused(answer.status, told.sentence ?? lineOf(told), told.advice);
   } catch {
     return new Refused(answer.status, `${answer.status} ${answer.statusText}`);
   }
 }
 
-// The line of an error, with the labels of the options that it names.
-export const lineOf = ({ error, said }) => said?.map((piece, k) => (k % 2 ? labelOf(piece) : piece)).join("") ?? error;
+/** The line of an error, with the labels of the options that it names. @param {Partial<Refusal>} told */
+export const lineOf = ({ error = "", said }) =>
+  said?.map((piece, k) => (k % 2 ? labelOf(piece) : piece)).join("") ?? error;
 
-export const query = (options) => new URLSearchParams(options).toString();
-export const factsIn = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name));
+/** The JSON in a header of an answer. @param {Response} answer */
+export const factsIn = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name) ?? "null");
 
-// Sends a file to an address of the API; fetch would not tell how far it is.
+/**
+ * Sends a file to an address of the API; fetch would not tell how far it is.
+ * @param {string} address @param {File} file @param {(share: number) => void} progress
+ * @returns {Promise<string>} its id
+ */
 export function send(address, file, progress) {
   return new Promise((done, failed) => {
     const request = new XMLHttpRequest();
@@ -84,6 +102,7 @@ export function send(address, file, progress) {
     request.setRequestHeader("Content-Type", "application/octet-stream");
     request.upload.addEventListener("progress", (event) => progress(event.loaded / (event.total || 1)));
     request.addEventListener("load", () => {
+      /** @type {Partial<Refusal> & { id?: string }} */
       let answer = {};
       try {
         answer = JSON.parse(request.responseText);
@@ -91,8 +110,8 @@ export function send(address, file, progress) {
         // a refusal without words
       }
       tell(request.status === 401 ? "old link" : "");
-      if (request.status === 201) done(answer.id);
-      else failed(new Refused(request.status, lineOf(answer) ?? `${request.status} ${request.statusText}`));
+      if (request.status === 201) done(answer.id ?? "");
+      else failed(new Refused(request.status, lineOf(answer) || `${request.status} ${request.statusText}`));
     });
     request.addEventListener("error", () => {
       tell("gone");
@@ -102,35 +121,38 @@ export function send(address, file, progress) {
   });
 }
 
+/** @returns {Promise<About>} */
 export const about = async () => (await ask("/api/about")).json();
 
 let woken = 0;
-// Loads what the first photo would wait for; asked at the first signs that one is coming.
+/** Loads what the first photo would wait for; asked at the first signs that one is coming. */
 export function wake() {
   if (Date.now() - woken < 30000) return;
   woken = Date.now();
-  fetch("/api/wake", { method: "POST", headers: headers() }).catch(() => {});
+  fetch("/api/wake", { method: "POST", headers }).catch(() => {});
 }
 
-// Tells the program that something of an address is needed no more.
+/** Tells the program that something of an address is needed no more. @param {string} address @param {string} id */
 export const close = (address, id) =>
-  fetch(`${address}/${id}`, { method: "DELETE", headers: headers(), keepalive: true }).catch(() => {});
+  fetch(`${address}/${id}`, { method: "DELETE", headers, keepalive: true }).catch(() => {});
 
-// Server-sent events, read with the token in a header.
+/** Server-sent events, read with the token in a header. @param {string} path @returns {AsyncGenerator<any>} */
 export async function* events(path) {
-  const reader = (await ask(path)).body.pipeThrough(new TextDecoderStream()).getReader();
+  const { body } = await ask(path);
+  if (!body) return;
+  const reader = body.pipeThrough(new TextDecoderStream()).getReader();
   let text = "";
   for (;;) {
     const { value, done } = await reader.read();
     if (done) return;
     text += value;
     const parts = text.split("\n\n");
-    text = parts.pop();
+    text = parts.pop() ?? "";
     for (const part of parts) if (part.startsWith("data: ")) yield JSON.parse(part.slice(6));
   }
 }
 
-// Hands an answer's file to the browser's downloads; returns its name.
+/** Hands an answer's file to the browser's downloads; returns its name. @param {Response} answer */
 export async function download(answer) {
   const address = URL.createObjectURL(await answer.blob());
   const link = document.createElement("a");

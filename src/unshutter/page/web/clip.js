@@ -1,5 +1,7 @@
 // A clip on the page: some moments of it are looked at, before and after, and then the whole of it is saved.
 
+/** @import { ClipFacts, ClipResult, Doing, Longest, Options, ReadoutTime, Which } from "./types.js" */
+
 import { factsIn, Refused } from "./api.js";
 import { Opened } from "./opened.js";
 import { films } from "./options.js";
@@ -8,73 +10,91 @@ import { words } from "./words.js";
 
 const SMALL = 320;
 const PART = ["start", "end"]; // options that say which part of the clip is kept
-const SEARCHED = [...PART, "readout-ms", "readout-ratio", "camera"]; // options that the search for the readout time goes by
+const SEARCHED = [...PART, "readout-ms", "readout-ratio", "camera"]; // by which the search for the readout time goes
 const LOOK_MS = 500; // between looks at how far it is
+/** @type {Doing} */
+const NOTHING = { share: 0, left: "" };
 
-export const isClip = (file) => file.type.startsWith("video/") || films.some((ending) => file.name.toLowerCase().endsWith(ending));
+/** @param {File} file */
+export const isClip = ({ type, name }) =>
+  type.startsWith("video/") || films.some((ending) => name.toLowerCase().endsWith(ending));
 
 export class Clip extends Opened {
-  kind = "clip";
+  kind = /** @type {const} */ ("clip");
+  /** @type {ClipFacts | null} */
+  facts = null;
+  /** @type {ClipResult | null} */
+  result = null;
   moment = 2; // which of the five is shown: the middle one
-  smalls = []; // small pictures of all moments
-  film = null; // before and after, moving
+  /** @type {Blob[]} small pictures of all moments */
+  smalls = [];
+  /** @type {Blob | null} before and after, moving */
+  film = null;
   filming = false; // whether that is being made
-  readout = null; // what is known of the camera's readout time
-  doing = { share: 0, left: "" }; // how far the search for it is, or the film, and how long that still takes
-  #drawing = null; // the small pictures that are on their way
+  /** @type {ReadoutTime | null} what is known of the camera's readout time */
+  readout = null;
+  doing = NOTHING; // how far the search for it is, or the film, and how long that still takes
+  /** @type {Blob[] | null} the small pictures that are on their way */
+  #drawing = null;
   #work = new AbortController(); // of what the program does now
   #cancelled = false;
 
+  /** @param {File} file */
   constructor(file) {
     super(file, "/api/clips");
   }
 
-  // Brings the pictures of the moment to the wanted size: the frame at once, a first look with the usual readout time, and
-  // what the clip's own gives. In the background no motion is looked for: that takes long.
+  /**
+   * Brings the pictures of the moment to the wanted size: the frame at once, a first look with the usual readout time,
+   * and what the clip's own gives. In the background no motion is looked for: that takes long.
+   * @param {Longest} longest @param {boolean} [later] @param {"both" | "after"} part
+   */
   async show(longest, later, part = "both") {
     const [pictures, moment] = [this.pictures, this.moment];
-    const fetch = async (which, more = later ? { later: 1 } : {}) => {
-      const answer = await this.#ask(which, { moment, longest, ...more });
+    const fetch = async (/** @type {Which} */ which, /** @type {Options} */ more = {}) => {
+      const answer = await this.#ask(which, { moment: String(moment), longest: String(longest), ...more });
       pictures[which] = { blob: await answer.blob(), longest };
       if (pictures === this.pictures) this[which === "before" ? "facts" : "result"] = factsIn(answer);
       this.tell();
     };
     try {
       await this.send();
-      this.become("finding");
-      if (part === "both") await fetch("before");
-      if (!later) this.#drawSmall(); // the frames are there long before their motion is
+      this.become("look");
+      if (part === "both") await fetch("before", later ? { later: "1" } : {});
+      if (later) return this.become("open");
+      this.#drawSmall(); // the frames are there long before their motion is
     } catch (error) {
       return this.fail(error);
     }
-    if (later) return this.become("opened");
     try {
       if (this.#cancelled) throw new Refused(0, words.stopped);
       if (!this.readout) {
-        await fetch("after", { usual: 1 }).catch((error) => this.#unlessRefused(error)); // the search says what is wrong
+        await fetch("after", { usual: "1" }).catch(unlessRefused); // the search says what is wrong
         this.readout = await this.#followed("readout time", async () => (await this.#ask("readout")).json());
       }
       await fetch("after");
-      this.become("done");
+      this.become("answer");
     } catch (error) {
       const failure = this.#cancelled ? new Refused(0, words.stopped) : error;
-      if (failure instanceof Refused) this.readout = this.result = this.pictures.after = null;
-      this.fail(failure, "asking"); // the clip can be read: it is the settings that do not do
+      if (failure instanceof Refused) {
+        this.readout = this.result = null;
+        delete this.pictures.after;
+      }
+      this.fail(failure, "ask"); // the clip can be read: it is the settings that do not do
     }
   }
 
-  #unlessRefused(error) {
-    if (!(error instanceof Refused)) throw error;
-  }
-
-  // The answer to a question that takes long; until it comes, looks how far it is.
+  /**
+   * The answer to a question that takes long; until it comes, looks how far it is.
+   * @template T @param {"readout time" | "film"} goal @param {() => Promise<T>} asked
+   */
   async #followed(goal, asked) {
     const tell = pace(goal);
     const look = async () => {
       this.doing = tell(await (await this.#ask("progress")).json());
       this.tell();
     };
-    this.doing = tell(null);
+    this.doing = NOTHING;
     const looking = setInterval(() => look().catch(() => {}), LOOK_MS); // it may end meanwhile
     try {
       return await asked();
@@ -83,7 +103,7 @@ export class Clip extends Opened {
     }
   }
 
-  // Stops what the program does for the clip.
+  /** Stops what the program does for the clip. */
   stop() {
     this.#work.abort();
     this.#work = new AbortController();
@@ -100,13 +120,15 @@ export class Clip extends Opened {
     super.forget();
   }
 
-  // A short film of what is done around the moment that is shown.
+  /** A short film of what is done around the moment that is shown. */
   async play() {
     const { wishes, moment } = this;
     this.filming = true;
     this.tell();
     try {
-      const film = await this.#followed("film", async () => (await this.#ask("film", { moment })).blob());
+      const film = await this.#followed("film", async () =>
+        (await this.#ask("film", { moment: String(moment) })).blob(),
+      );
       if (wishes === this.wishes && moment === this.moment) this.film = film;
     } finally {
       this.filming = false;
@@ -114,15 +136,18 @@ export class Clip extends Opened {
     }
   }
 
-  small = (later) => this.show(SMALL, later);
+  small = () => this.show(SMALL, true);
 
+  /** @param {number} moment */
   goTo(moment) {
     this.moment = moment;
     this.film = null;
     this.#clear();
-    if (this.smalls[moment]) this.pictures.before = { blob: this.smalls[moment], longest: SMALL }; // until the larger one is there
+    const small = this.smalls[moment];
+    if (small) this.pictures.before = { blob: small, longest: SMALL }; // until the larger one is there
   }
 
+  /** @param {string} name @param {string} value */
   set(name, value) {
     super.set(name, value);
     this.film = null; // which shows what was asked for before
@@ -136,6 +161,11 @@ export class Clip extends Opened {
     this.#clear();
   }
 
+  /** All as it was when it came. */
+  reset() {
+    for (const name of Object.keys(this.options)) this.set(name, "");
+  }
+
   #clear() {
     this.pictures = {};
     this.result = null;
@@ -145,6 +175,7 @@ export class Clip extends Opened {
     return this.options;
   }
 
+  /** @param {string} what @param {Options} more */
   #ask(what, more = {}) {
     return this.askFor(what, async () => (what === "progress" ? {} : { ...this.options, ...more }), this.#work.signal);
   }
@@ -153,13 +184,17 @@ export class Clip extends Opened {
     const smalls = this.smalls;
     if (smalls === this.#drawing) return;
     this.#drawing = smalls;
-    for (const moment of this.facts.moments_s.keys()) {
-      const blob = await this.#ask("before", { moment, longest: SMALL })
-        .then((answer) => answer.blob())
-        .catch(() => null);
+    for (const moment of (this.facts?.moments_s ?? []).keys()) {
+      const asked = this.#ask("before", { moment: String(moment), longest: String(SMALL) });
+      const blob = await asked.then((answer) => answer.blob()).catch(() => null);
       if (!blob || smalls !== this.smalls) return;
       smalls[moment] = blob;
       this.tell();
     }
   }
+}
+
+/** @param {unknown} error */
+function unlessRefused(error) {
+  if (!(error instanceof Refused)) throw error;
 }

@@ -1,146 +1,115 @@
 // The panel beside a clip: what its moments say, what the user can say, saving.
 
-import { about, control, others } from "./described.js";
-import { make, refill } from "./nodes.js";
-import { button, keys, number, reference, select, strength } from "./widgets.js";
+/** @import { Clip } from "./clip.js" @import { On } from "./panel.js" @import { Options } from "./types.js" */
+
+import { make } from "./nodes.js";
+import { Panel } from "./panel.js";
+import { keys, number, quiet, section, select } from "./widgets.js";
 import { words } from "./words.js";
 
-const UNITS = { ms: "readout-ms", ratio: "readout-ratio", camera: "camera" }; // how a readout time is said -> the option
-const LIMITS = { ms: { min: "0.1", step: "any" }, ratio: { min: "0.01", max: "1", step: "any" } };
-const PLACED = [...Object.values(UNITS), "strength", "edges", "reference", "start", "end"];
+/** How a readout time is said -> the option. @type {Record<string, string>} */
+const UNITS = { ms: "readout-ms", ratio: "readout-ratio", camera: "camera" };
+/** @type {Record<string, { min: string, max: string, step: string }>} */
+const LIMITS = { ms: { min: "0.1", max: "", step: "any" }, ratio: { min: "0.01", max: "1", step: "any" } };
+/** Where a readout time is from -> what is said of it. @type {Record<string, (readout: any) => string>} */
+const SOURCES = {
+  motion: words.readoutEstimated,
+  "table of cameras": words.readoutListed,
+  "usual value": words.readoutListed,
+  "the clip's file": words.readoutInFile,
+};
 
-export class ClipControls {
-  // panel: where to; on: {change, save, toAll} called when the user wants that.
+/** @extends {Panel<Clip>} */
+export class ClipControls extends Panel {
+  /** @param {HTMLElement} panel where to @param {On} on */
   constructor(panel, on) {
-    this.on = on;
-    this.clip = null;
-    this.said = make("div", { class: "said", role: "status" });
-    this.save = button("saveClip", () => on.save(), "main");
-    this.whyNot = make("p", { class: "quiet" }, words.clipNotYet);
-    this.toAll = button("clipToAll", () => on.toAll());
-    const set = (name, value) => this.#set(name, value);
-    const usual = (name) => control("clip", name, `clip-${name}`, set, words.choices[`clip-${name}`]);
-    this.strength = strength(
-      "clip-strength",
-      about("clip", "strength"),
-      (value, dragged) => !dragged && set("strength", value),
-    );
-    this.edges = usual("edges");
-    this.reference = reference("clip-reference", about("clip", "reference"), (value) => set("reference", value));
-    this.part = ["start", "end"].map((name) => usual(name));
-    this.onlySaved = Object.fromEntries(
-      Object.entries(words.clipOnlySaved).map(([name, said]) => [name, make("p", { class: "quiet" }, said)]),
-    );
-    const advanced = others("clip", PLACED, null, "clip-option-", set);
-    this.shown = [this.strength, this.edges, this.reference, ...this.part, ...advanced];
-    panel.replaceChildren(
-      make("h2", {}, words.done),
-      this.said,
-      make("div", { class: "row actions" }, this.save, this.whyNot),
-      make("h2", {}, words.settings),
-      ...this.strength.nodes,
-      this.#readout(),
-      this.edges.node,
-      make("fieldset", {}, make("legend", {}, words.partOf), ...this.part.map(({ node }) => node)),
-      make(
-        "details",
-        { class: "section" },
-        make("summary", {}, words.advanced),
-        this.reference.node,
-        ...advanced.flatMap(({ node, field }) => [node, this.onlySaved[field.id.replace("clip-option-", "")] ?? ""]),
-      ),
-      make(
-        "div",
-        { class: "row" },
-        this.toAll,
-        button("reset", () => this.#reset(), "", "clip"),
-      ),
-      keys(words.clipKeyList),
-    );
+    super(panel, "clip", on, "saveClip", [UNITS.ms, UNITS.ratio]);
+    this.state = "";
+    this.unit = select("clip-readout-unit", words.readoutTime, words.readoutTimeOf, (unit) => this.#setUnit(unit));
+    this.valueSaid = make("span");
+    const set = (/** @type {string} */ value) => this.set(UNITS[this.unit.field.value], value);
+    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, set);
+    this.camera = this.form.control("camera");
+    this.source = make("p.quiet", { role: "status" });
+    const fields = [this.unit.node, this.value.node, this.camera.node, this.source];
+    const readout = make("div", ...fields, quiet(words.readoutTimeHelp));
+    const first = [this.control("strength"), readout, this.control("edges")];
+    const part = make("fieldset", make("legend", words.partOf), this.control("start"), this.control("end"));
+    this.onlySaved = { stabilize: quiet(words.clipOnlySaved.stabilize), model: quiet(words.clipOnlySaved.model) };
+    const advanced = [this.control("reference"), ...this.#others()];
+    const sections = [section("advanced", {}, ...advanced), this.buttons("clipToAll", "clipReset")];
+    this.fill("clipNotYet", [...first, part, ...sections, keys(words.clipKeyList)]);
   }
 
-  // Shows what a clip's options are, and what is known of it.
+  /** Shows what a clip's options are, and what is known of it. @param {Clip} clip */
   show(clip) {
-    const asking = clip.state === "asking";
-    if (clip !== this.clip) this.unit.field.value = unitOf(clip.options);
-    else if (asking && this.state !== "asking" && this.unit.field.value === "find") this.unit.field.value = "ms"; // which it needs
-    this.clip = clip;
-    this.state = clip.state;
-    const { options, readout, state } = clip;
-    for (const each of this.shown) each.show(options);
-    this.edges.field.querySelector("[value=borrow]").hidden = options.model !== "dense";
+    const { options, readout, state, facts } = clip;
+    const begins = state === "asking" && this.state !== "asking";
+    if (clip !== this.item) this.unit.field.value = unitOf(options);
+    else if (begins && this.unit.field.value === "find") this.unit.field.value = "ms"; // which it needs
+    super.show(clip);
+    this.state = state;
+    const dense = options.model === "dense";
+    const borrow = /** @type {HTMLOptionElement} */ (this.form.field("edges").querySelector("[value=borrow]"));
+    borrow.hidden = !dense;
     this.onlySaved.stabilize.hidden = !options.stabilize;
-    this.onlySaved.model.hidden = options.model !== "dense";
-    const unit = this.unit.field.value;
-    this.value.node.hidden = !(unit in LIMITS);
-    this.camera.node.hidden = unit !== "camera";
-    this.valueSaid.textContent = words.readoutValueOf[unit] ?? "";
-    Object.assign(this.value.field, { max: "", ...LIMITS[unit] });
-    if (document.activeElement !== this.value.field) this.value.field.value = options[UNITS[unit]] ?? "";
-    this.camera.show(options);
-    this.readoutSource.textContent =
-      {
-        motion: () => words.readoutEstimated(readout),
-        "table of cameras": () => words.readoutListed(readout),
-        "usual value": () => words.readoutListed(readout),
-        "the clip's file": () => words.readoutInFile(readout.ms),
-      }[readout?.found_by]?.() ?? "";
-    this.save.disabled = asking || state === "failed" || !clip.facts || !readout;
-    this.whyNot.hidden = !this.save.disabled || state === "failed";
-    refill(
-      this.said,
-      sentences(clip).map((line) => make("p", {}, line)),
-    );
+    this.onlySaved.model.hidden = !dense;
+    this.#showReadout(options);
+    this.source.textContent = readout ? (SOURCES[readout.found_by]?.(readout) ?? "") : "";
+    const lines = said(clip).map((line) => make("p", line));
+    this.say(lines, !["asking", "failed"].includes(state) && facts !== null && readout !== null, state !== "failed");
   }
 
-  #readout() {
-    this.unit = select("clip-readout-unit", words.readoutTime, words.readoutTimeOf, (unit) => {
-      const known = Object.values(UNITS).some((name) => name in this.clip.options);
-      for (const name of Object.values(UNITS)) this.clip.set(name, "");
-      this.show(this.clip);
-      const field = { camera: this.camera.field, find: null }[unit] ?? this.value.field;
-      if (unit === "find") this.on.change();
-      else if (known || !field.value) field.focus();
-    });
-    this.valueSaid = make("span", {});
-    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, (value) =>
-      this.#set(UNITS[this.unit.field.value], value),
-    );
-    this.camera = control("clip", "camera", "clip-camera", (name, value) => this.#set(name, value));
-    this.readoutSource = make("p", { class: "quiet", role: "status" });
-    return make(
-      "div",
-      {},
-      this.unit.node,
-      this.value.node,
-      this.camera.node,
-      this.readoutSource,
-      make("p", { class: "quiet" }, words.readoutTimeHelp),
-    );
+  /** @param {string} name @param {string} value @param {boolean} [dragged] */
+  set(name, value, dragged) {
+    if (!dragged) super.set(name, value); // a draft would take too long
   }
 
-  #set(name, value) {
-    this.clip.set(name, value);
-    this.on.change();
-  }
-
-  #reset() {
-    for (const name of Object.keys(this.clip.options)) this.clip.set(name, "");
+  reset() {
     this.unit.field.value = "find";
-    this.on.change();
+    super.reset();
+  }
+
+  /** @param {Options} options */
+  #showReadout(options) {
+    const { value: unit } = this.unit.field;
+    const { node, field } = this.value;
+    node.hidden = !(unit in LIMITS);
+    this.camera.node.hidden = unit !== "camera";
+    this.valueSaid.textContent = unit === "ms" || unit === "ratio" ? words.readoutValueOf[unit] : "";
+    Object.assign(field, LIMITS[unit]);
+    if (document.activeElement !== field) field.value = options[UNITS[unit]] ?? "";
+  }
+
+  /** @param {string} unit */
+  #setUnit(unit) {
+    const clip = /** @type {Clip} */ (this.item);
+    const known = Object.values(UNITS).some((name) => name in clip.options);
+    for (const name of Object.values(UNITS)) clip.set(name, "");
+    this.show(clip);
+    const { field } = unit === "camera" ? this.camera : this.value;
+    if (unit === "find") this.on.refresh();
+    else if (known || !field.value) field.focus();
+  }
+
+  /** The others, with what is not shown of them before the clip is saved. */
+  #others() {
+    /** @type {Record<string, HTMLElement>} */
+    const after = this.onlySaved;
+    return this.form.rest().flatMap(({ name, node }) => (name in after ? [node, after[name]] : [node]));
   }
 }
 
+/** @param {Options} options */
 const unitOf = (options) => Object.keys(UNITS).find((unit) => UNITS[unit] in options) ?? "find";
 
-// What was done at the moment that is shown, a sentence each.
-function sentences({ state, result, error, options, facts, readout }) {
+/** What was done at the moment that is shown, a sentence each. @param {Clip} clip */
+function said({ state, result, error, options, facts, readout }) {
   if (state === "asking") return [words.sentence(error), words.sayReadout];
   if (!result || !facts) return [];
-  const said = [result.changed ? words.clipMoved(result.largest_px) : words.clipAlone(words.why(result))];
-  if (!readout) said.push(words.clipFirst);
-  if (options.strength === "0") said.splice(0, 1, words.clipStrength0);
-  if (result.edges === "crop") said.push(words.clipCrop);
-  said.push(words.clipIs(words.time(facts.duration_s), facts.width, facts.height, facts.fps));
-  return said;
+  const moved = result.changed ? words.clipMoved(result.largest_px) : words.clipAlone(result.reason);
+  const lines = [options.strength === "0" ? words.clipStrength0 : moved];
+  if (!readout) lines.push(words.clipFirst);
+  if (result.edges === "crop") lines.push(words.clipCrop);
+  return [...lines, words.clipIs(words.time(facts.duration_s), facts)];
 }

@@ -1,117 +1,109 @@
 // By hand: how far the photo leans, bends and turns, by dragging it or as numbers; and lines drawn on it.
 
-import { about } from "./described.js";
+/** @import { Arrow, Point, Pull, Readout, Shape, Tool } from "./types.js" @import { Lines } from "./lines.js" */
+/** @import { Photo } from "./photo.js" */
+
+import { about } from "./form.js";
 import { KINDS } from "./lines.js";
 import { make, refill } from "./nodes.js";
-import { button } from "./widgets.js";
+import { within } from "./stage.js";
+import { button, number, press, quiet, row, section } from "./widgets.js";
 import { words } from "./words.js";
 
+/** @param {number} slope */
 const degrees = (slope) => (Math.atan(slope) * 180) / Math.PI;
+/** @param {number} angle */
 const slope = (angle) => Math.tan((angle * Math.PI) / 180);
 
-// Tool -> the option that it sets, the number that it starts at in the result, and the number once what is near a border
-// (bend: in the middle) is pulled to the right by a share of the rows.
+/**
+ * The option that a tool sets, the number that it starts at in the result, and the number once what is near a border
+ * (bend: in the middle) is pulled to the right by a share of the rows.
+ * @typedef {{ option: string, start: keyof Shape, pulled(before: number, share: number): number }} Pulling
+ */
+/** @type {Record<Pull, Pulling>} */
 const PULLS = {
   lean: { option: "lean-deg", start: "lean_deg", pulled: (lean, share) => degrees(slope(lean) + 2 * share) },
   bend: { option: "bend-percent", start: "bend_percent", pulled: (bend, share) => bend - 100 * share },
   turn: { option: "turn-deg", start: "turn_deg", pulled: (turn, share) => turn + degrees(share) },
 };
+const PULL_NAMES = /** @type {Pull[]} */ (Object.keys(PULLS));
 const STEP = 0.1; // of all of them
+/** What is to the right, where the readout is turned downwards. @type {Record<Readout, Readout>} */
 const ACROSS = {
-  // readout -> what is to the right, where that is turned downwards
   "top-to-bottom": "left-to-right",
   "bottom-to-top": "right-to-left",
   "left-to-right": "bottom-to-top",
   "right-to-left": "top-to-bottom",
 };
+/** @type {Record<Arrow, Point>} */
 const VECTORS = { down: [0, 1], up: [0, -1], right: [1, 0], left: [-1, 0] };
+/** @type {Record<string, number>} */
 const ORIGINS = { first: 0, middle: 0.5, last: 1 }; // reference row -> place along the readout
 
-export class ByHand {
-  tool = null; // that a press on the picture goes to: a name of PULLS or KINDS
+/** @param {Tool | null} tool @returns {tool is Pull} */
+const isPull = (tool) => tool !== null && tool in PULLS;
+/** @param {Tool | null} tool @returns {import("./types.js").LineKind | null} */
+const lineKind = (tool) => KINDS.find((kind) => kind === tool) ?? null;
 
-  // lines: the editor on the stage; on: {draft, change, tool, undo} called while a number changes, when something was
-  // set, with the tool that is taken, and when the last step shall be taken back.
+/**
+ * Called while a number changes, when something was set, when a tool is taken or put away, and when the last step shall
+ * be taken back.
+ * @typedef {{ draft(): void, refresh(): void, using(): void, undo(): void }} On
+ */
+
+export class ByHand {
+  /** @type {Tool | null} that a press on the picture goes to */
+  tool = null;
+  /** @type {Photo | null} */
+  photo = null;
+
+  /** @param {Lines} lines the editor on the stage @param {On} on */
   constructor(lines, on) {
     this.lines = lines;
     this.stage = lines.stage;
     this.on = on;
-    this.photo = null;
-    this.tools = Object.fromEntries(
-      [...Object.keys(PULLS), ...KINDS].map((name) => [
-        name,
-        make(
-          "button",
-          {
-            type: "button",
-            id: `tool-${name}`,
-            class: `tool ${name}`,
-            "aria-pressed": "false",
-            title: words.toolHelp[name],
-            onclick: (event) => this.#pick(name, event.detail === 0),
-          },
-          words.tool[name],
-        ),
-      ]),
-    );
-    this.list = make("ul", { class: "lines-list" });
-    this.numbers = Object.keys(PULLS).map((name) => this.#number(name));
-    this.reset = button("resetHand", () => this.#reset());
-    this.undo = button("undoHand", () => on.undo());
-    this.reset.title = words.resetHandHelp;
-    this.undo.title = words.undoHandHelp;
-    this.node = make(
-      "details",
-      { class: "section", id: "by-hand" },
-      make("summary", {}, words.byHand),
-      make("p", { class: "quiet" }, words.byHandHelp),
-      ...this.numbers.map(({ node }) => node),
-      make("div", { class: "row" }, ...KINDS.map((kind) => this.tools[kind])),
-      this.list,
-      make("div", { class: "row" }, this.undo, this.reset),
-    );
-    this.node.addEventListener("toggle", () => !this.node.open && this.#pick(null));
+    const tools = [...PULL_NAMES, ...KINDS].map((name) => [name, this.#tool(name)]);
+    this.tools = /** @type {Record<Tool, HTMLButtonElement>} */ (Object.fromEntries(tools));
+    this.list = make("ul.lines-list");
+    this.numbers = PULL_NAMES.map((name) => this.#number(name));
+    this.undo = button("undoHand", () => on.undo(), { title: words.undoHandHelp });
+    this.reset = button("resetHand", () => this.#reset(), { title: words.resetHandHelp });
+    const drawing = row(...KINDS.map((kind) => this.tools[kind]));
+    const pulls = this.numbers.map(({ node }) => node);
+    const parts = [quiet(words.byHandHelp), ...pulls, drawing, this.list, row(this.undo, this.reset)];
+    this.node = section("byHand", { id: "by-hand" }, ...parts);
+    this.node.addEventListener("toggle", () => !this.node.open && this.stop());
   }
 
+  /** @param {Photo} photo */
   show(photo) {
-    if (photo !== this.photo) this.#pick(null);
+    if (photo !== this.photo) this.stop();
     this.photo = photo;
-    const troubles = photo.lineTroubles;
-    this.lines.show(photo.lines, troubles);
-    const numbers = {};
-    refill(
-      this.list,
-      photo.lines.map(({ kind }, k) => {
-        numbers[kind] = (numbers[kind] ?? 0) + 1;
-        const trouble = troubles[k] ? [make("span", { class: "wrong" }, words.lineTrouble[troubles[k]])] : [];
-        return make(
-          "li",
-          { class: kind },
-          `${words.lineOf[kind]} ${numbers[kind]}`,
-          ...trouble,
-          make(
-            "button",
-            {
-              type: "button",
-              "aria-label": words.lineRemove(words.lineOf[kind], numbers[kind]),
-              onclick: () => this.lines.remove(k),
-            },
-            "×",
-          ),
-        );
-      }),
-    );
+    this.lines.show(photo.lines, photo.lineTroubles);
+    refill(this.list, this.#listed(photo));
     for (const { show } of this.numbers) show();
     this.#shear();
     this.reset.disabled = !photo.byHand;
     this.undo.disabled = !photo.undoable;
   }
 
-  // Opens it with the simplest tool in the hand.
+  /** @param {Photo} photo */
+  #listed({ lines, lineTroubles }) {
+    return lines.map(({ kind }, k) => {
+      const name = words.lineOf[kind];
+      const ordinal = lines.slice(0, k + 1).filter((line) => line.kind === kind).length;
+      const trouble = lineTroubles[k];
+      const said = trouble && make("span.wrong", words.lineTrouble[trouble]);
+      const removes = { "aria-label": words.lineRemove(name, ordinal), onclick: () => this.lines.remove(k) };
+      return make(`li.${kind}`, `${name} ${ordinal}`, said, make("button", { type: "button", ...removes }, "×"));
+    });
+  }
+
+  /** Opens it with the simplest tool in the hand. */
   open() {
     this.node.open = true;
     this.node.scrollIntoView({ block: "start" });
-    if (!this.pulls && this.photo.result?.shape) this.#pick("lean");
+    if (!this.pulls && this.photo?.result?.shape) this.#pick("lean");
     this.tools.lean.focus({ preventScroll: true });
   }
 
@@ -119,118 +111,113 @@ export class ByHand {
     this.#pick(null);
   }
 
-  // Whether a tool that pulls the picture is taken.
+  /** Whether a tool that pulls the picture is taken. */
   get pulls() {
-    return this.tool in PULLS;
+    return isPull(this.tool);
   }
 
-  // A fine step of the tool that is taken, in the direction of an arrow key.
+  /** A fine step of the tool that is taken, in the direction of an arrow key. @param {number} steps */
   nudge(steps) {
-    if (!this.photo.result?.shape) return;
-    this.#set(this.tool, Number(this.#value(this.tool)) + (this.tool === "bend" ? -steps : steps) * STEP);
-    this.on.change();
+    if (!this.photo?.result?.shape || !isPull(this.tool)) return;
+    this.#set(this.tool, this.#value(this.tool) + (this.tool === "bend" ? -steps : steps) * STEP);
+    this.on.refresh();
   }
 
+  /** @param {Tool | null} name @param {boolean} byKeyboard */
   #pick(name, byKeyboard = false) {
     this.tool = name === this.tool ? null : name;
-    this.lines.kind = KINDS.includes(this.tool) ? this.tool : null;
-    if (this.pulls) Object.assign(this.stage, { mode: "pulling", tool: (event) => this.#pull(event) });
-    for (const [each, tool] of Object.entries(this.tools)) tool.setAttribute("aria-pressed", each === this.tool);
-    this.on.tool(this.tool);
-    if (this.lines.kind && byKeyboard) this.lines.add(this.lines.kind);
+    const kind = lineKind(this.tool);
+    this.lines.kind = kind;
+    if (this.pulls) Object.assign(this.stage, { mode: "pulling", tool: this.#pull });
+    for (const [each, tool] of Object.entries(this.tools))
+      tool.setAttribute("aria-pressed", String(each === this.tool));
+    this.on.using();
+    if (kind && byKeyboard) this.lines.add(kind);
   }
 
-  // A number as it was set, or else as it was found.
+  /** A number as it was set, or else as it was found. @param {Pull} name */
   #value(name) {
     const { option, start } = PULLS[name];
-    return this.photo.hand[option] ?? this.photo.result?.shape?.[start] ?? 0;
+    return Number(this.photo?.hand[option] ?? this.photo?.result?.shape?.[start] ?? 0);
   }
 
+  /** @param {Pull} name @param {number} value */
   #set(name, value) {
-    const { minimum, maximum } = about("photo", PULLS[name].option);
-    this.photo.setHand(PULLS[name].option, String(Number(Math.min(Math.max(value, minimum), maximum).toFixed(2))));
+    const { minimum = -Infinity, maximum = Infinity } = about("photo", PULLS[name].option);
+    if (this.photo) this.photo.hand[PULLS[name].option] = String(Number(within(value, minimum, maximum).toFixed(2)));
     this.reset.disabled = this.undo.disabled = false;
   }
 
-  // Directions in the picture: along the readout, and across it, as arrows and vectors.
+  /** Directions in the picture: along the readout, and across it. */
   get #axes() {
-    const {
-      facts: { arrows },
-      result: { readout },
-    } = this.photo;
-    return { along: VECTORS[arrows[readout]], across: VECTORS[arrows[ACROSS[readout]]] };
+    const { facts, result } = this.photo ?? {};
+    if (!facts || !result) return { along: VECTORS.down, across: VECTORS.right };
+    return { along: VECTORS[facts.arrows[result.readout]], across: VECTORS[facts.arrows[ACROSS[result.readout]]] };
   }
 
-  // The picture is pulled: near its last rows to one side, near its first to the other.
-  #pull(event) {
-    if (!this.photo.result?.shape) return true;
-    const [name, { along, across }] = [this.tool, this.#axes];
+  /** The picture is pulled: near its last rows to one side, near its first to the other. @param {PointerEvent} event */
+  #pull = (event) => {
+    const name = this.tool;
+    if (!this.photo?.result?.shape || !isPull(name)) return true;
+    const { along, across } = this.#axes;
     const { width, height } = this.stage.box;
     const rows = along[0] ? width : height;
-    const at = this.stage.shares(event);
-    const late = (at[0] - 0.5) * along[0] + (at[1] - 0.5) * along[1] > 0;
-    const began = Number(this.#value(name));
+    const [x, y] = this.stage.shares(event);
+    const late = (x - 0.5) * along[0] + (y - 0.5) * along[1] > 0;
+    const began = this.#value(name);
     let share = 0;
-    this.stage.drag(
-      event,
-      (dx, dy) => {
-        share += (dx * across[0] + dy * across[1]) / rows;
-        this.#set(name, PULLS[name].pulled(began, name === "bend" || !late ? share : -share));
-        for (const { show } of this.numbers) show();
-        if (name === "lean") this.#shear();
-        else this.on.draft();
-      },
-      () => share && this.on.change(),
-    );
+    const follow = (/** @type {number} */ dx, /** @type {number} */ dy) => {
+      share += (dx * across[0] + dy * across[1]) / rows;
+      this.#set(name, PULLS[name].pulled(began, name === "bend" || !late ? share : -share));
+      for (const { show } of this.numbers) show();
+      if (name === "lean") this.#shear();
+      else this.on.draft();
+    };
+    this.stage.drag(event, follow, () => share && this.on.refresh());
     return true;
-  }
+  };
 
-  // Shows at once how the picture leans, from the one that is shown: the true one comes a little later.
+  /** Shows at once how the picture leans, from the one that is shown: the true one comes a little later. */
   #shear() {
-    const { result, facts, options } = this.photo;
-    const more =
-      this.tool === "lean" && result?.shape && facts ? slope(this.#value("lean")) - slope(result.shape.lean_deg) : 0;
-    if (Math.abs(more) < 1e-4) return this.stage.shear(null);
+    const { result, facts, options } = this.photo ?? {};
+    const shape = this.tool === "lean" && facts && result?.shape;
+    const more = shape ? slope(this.#value("lean")) - slope(shape.lean_deg) : 0;
+    if (!options || Math.abs(more) < 1e-4) return this.stage.shear(null);
     const { along, across } = this.#axes;
-    const by = -more * (options.strength ?? 1);
-    const matrix = [
-      1 + by * across[0] * along[0],
-      by * across[1] * along[0],
-      by * across[0] * along[1],
-      1 + by * across[1] * along[1],
-    ];
-    const from = along.map((part) => `${50 + 100 * part * (ORIGINS[options.reference ?? "first"] - 0.5)}%`);
-    this.stage.shear(matrix, from.join(" "));
+    const by = -more * Number(options.strength ?? 1);
+    const first = [1 + by * across[0] * along[0], by * across[1] * along[0]];
+    const second = [by * across[0] * along[1], 1 + by * across[1] * along[1]];
+    const origin = ORIGINS[options.reference ?? "first"] - 0.5;
+    this.stage.shear([...first, ...second], along.map((part) => `${50 + 100 * part * origin}%`).join(" "));
   }
 
-  // The button of a tool, and the number that it changes.
+  /** @param {Tool} name */
+  #tool(name) {
+    const more = { class: `tool ${name}`, "aria-pressed": "false", title: words.toolHelp[name] };
+    return press(`tool-${name}`, words.tool[name], (event) => this.#pick(name, event.detail === 0), more);
+  }
+
+  /** The button of a tool, and the number that it changes. @param {Pull} name */
   #number(name) {
     const { minimum: min, maximum: max, description: title } = about("photo", PULLS[name].option);
-    const field = make("input", {
-      type: "number",
-      id: `${name}-number`,
-      min,
-      max,
-      step: STEP,
-      title,
-      "aria-label": words.tool[name],
-    });
-    field.addEventListener("change", () => {
-      if (field.value === "" || !field.checkValidity()) return;
-      this.#set(name, field.value);
-      this.on.change();
+    const limits = { min, max, step: STEP, title, "aria-label": words.tool[name] };
+    const { field } = number(`${name}-number`, "", limits, (value) => {
+      if (value === "") return;
+      this.#set(name, Number(value));
+      this.on.refresh();
     });
     const show = () => {
-      field.disabled = this.tools[name].disabled = !this.photo.result?.shape;
-      const rounded = Number(this.#value(name)).toFixed(1);
+      field.disabled = this.tools[name].disabled = !this.photo?.result?.shape;
+      const rounded = this.#value(name).toFixed(1);
       if (document.activeElement !== field) field.value = rounded === "-0.0" ? "0.0" : rounded;
     };
-    return { show, node: make("div", { class: "field" }, this.tools[name], field) };
+    return { show, node: make("div.field", this.tools[name], field) };
   }
 
   #reset() {
+    if (!this.photo) return;
     this.photo.resetHand();
     this.show(this.photo);
-    this.on.change();
+    this.on.refresh();
   }
 }

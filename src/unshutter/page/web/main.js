@@ -1,120 +1,144 @@
 // The page: photos and clips come in, one of them is looked at, others wait in the strip.
 
+/** @import { About, Item } from "./types.js" @import { Word } from "./words.js" */
+
 import { about, onHealth } from "./api.js";
 import { Clip, isClip } from "./clip.js";
-import { shared } from "./controls.js";
 import { watch } from "./incoming.js";
-import { by, fill, make } from "./nodes.js";
+import { by } from "./nodes.js";
+import { shared } from "./panel.js";
 import { Photo } from "./photo.js";
 import { saveAll } from "./saving.js";
+import { pressed } from "./stage.js";
 import { Strip } from "./strip.js";
 import { View } from "./view.js";
+import { button } from "./widgets.js";
 import { words } from "./words.js";
 
 const AT_ONCE = 2; // photos that are worked on in the background
 const NOTICE_MS = 12000;
 
-const photos = [];
-let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, clips: true };
+/** @type {Item[]} */
+const items = [];
+/** @type {About} */
+let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, clips: true, install_clips: "" };
 let background = 0;
 
-fill(document, words);
+for (const node of document.querySelectorAll("[data-word]")) node.prepend(wordOf(node, "data-word"));
+for (const node of document.querySelectorAll("[data-label]")) {
+  node.setAttribute("aria-label", wordOf(node, "data-label"));
+}
+const save = button("saveAll", () => saveAll(strip.shown, notice));
+by("header").append(save);
+by("choosing").append(
+  button("chooseFiles", () => {}, { class: "main" }),
+  button("sample", sample),
+);
 const strip = new Strip(by("thumbnails"), by("strip-bar"), { pick: show, close, filtered });
-const view = new View({ notice, toAll });
+const view = new View({ notice, toAll, step, close: () => view.current && close(view.current) });
+
+/** @param {Element} node @param {string} attribute */
+function wordOf(node, attribute) {
+  return words[/** @type {Word} */ (node.getAttribute(attribute))];
+}
 
 // ---- photos come and go ----
 
+/** @param {File[]} files */
 function take(files) {
-  let first = null; // of those that have come, which is shown
-  for (const file of files) {
-    const most = isClip(file) ? settings.max_clip_bytes : settings.max_bytes;
-    if (isClip(file) && !settings.clips) notice(words.noClips(file.name, settings.install_clips));
-    else if (file.size > most) notice(words.tooLarge(file.name, most / 1e6));
-    else {
-      const photo = isClip(file) ? new Clip(file) : new Photo(file);
-      photos.push(photo);
-      first ??= photo;
-      strip.add(photo);
-      photo.addEventListener("change", () => photo === view.current && view.update());
-    }
+  const taken = files.filter(isWelcome).map((file) => (isClip(file) ? new Clip(file) : new Photo(file)));
+  for (const item of taken) {
+    items.push(item);
+    strip.add(item);
+    item.addEventListener("change", () => item === view.current && view.update());
   }
-  if (first) show(first);
+  if (taken.length) show(taken[0]);
   arrange();
   workInBackground();
 }
 
-function show(photo) {
-  strip.select(photo);
-  view.show(photo);
-  arrange();
-  scrollTo(0, matchMedia("(max-height: 30em)").matches ? by("viewer").offsetTop : 0); // on a phone, the page is longer than the screen
+/** Whether a file can be opened; if not, it is said why. @param {File} file */
+function isWelcome(file) {
+  const most = isClip(file) ? settings.max_clip_bytes : settings.max_bytes;
+  const fits = file.size <= most;
+  if (isClip(file) && !settings.clips) notice(words.noClips(file.name, settings.install_clips));
+  else if (!fits) notice(words.tooLarge(file.name, most / 1e6));
+  return fits && (settings.clips || !isClip(file));
 }
 
-function close(photo) {
-  const place = photos.indexOf(photo);
-  photos.splice(place, 1);
-  strip.remove(photo);
-  photo.forget();
-  if (photo === view.current) {
+/** @param {Item} item */
+function show(item) {
+  strip.select(item);
+  view.show(item);
+  arrange();
+  const phone = matchMedia("(max-height: 30em)").matches; // on which the page is longer than the screen
+  scrollTo(0, phone ? by("viewer").offsetTop : 0);
+}
+
+/** @param {Item} item */
+function close(item) {
+  const place = items.indexOf(item);
+  items.splice(place, 1);
+  strip.remove(item);
+  item.forget();
+  if (item === view.current) {
     view.show(null);
-    if (photos.length) show(photos[Math.min(place, photos.length - 1)]);
+    if (items.length) show(items[Math.min(place, items.length - 1)]);
   }
   arrange();
 }
 
+/** @param {number} by */
 function step(by) {
-  const shown = photos.filter((photo) => photo === view.current || strip.shown.includes(photo));
-  const next = shown[shown.indexOf(view.current) + by];
+  const { current } = view;
+  const shown = items.filter((item) => item === current || strip.shown.includes(item));
+  const next = current && shown[shown.indexOf(current) + by];
   if (next) show(next);
 }
 
-// Only those that the filter shows are saved.
+/** Only those that the filter shows are saved. @param {number} shown */
 function filtered(shown) {
-  by("save-all").textContent = shown === photos.length ? words.saveAll : words.saveShown(shown);
+  save.textContent = shown === items.length ? words.saveAll : words.saveShown(shown);
 }
 
 function arrange() {
-  by("empty").hidden = photos.length > 0;
-  by("viewer").hidden = !photos.length;
-  if (!photos.length) for (const id of ["panel", "clip-panel"]) by(id).hidden = true;
-  by("strip").hidden = photos.length < 2;
-  for (const id of ["previous", "next"]) by(id).hidden = photos.length < 2;
-  by("save-all").hidden = photos.length < 2;
-  for (const panel of [view.controls, view.clipControls]) panel.toAll.hidden = photos.length < 2;
+  const many = items.length > 1;
+  by("empty").hidden = items.length > 0;
+  by("viewer").hidden = !items.length;
+  if (!items.length) for (const id of ["panel", "clip-panel"]) by(id).hidden = true;
+  view.bar.many = many;
+  for (const node of [by("strip"), save, view.controls.toAll, view.clipControls.toAll]) if (node) node.hidden = !many;
 }
 
-// Photos that nobody looks at get their thumbnails and motions, a few at a time.
+/** Photos that nobody looks at get their thumbnails and motions, a few at a time. */
 async function workInBackground() {
   while (background < AT_ONCE) {
-    const photo = photos.find((each) => each.state === "waiting" && each !== view.current);
-    if (!photo) return;
+    const item = items.find((each) => each.state === "waiting" && each !== view.current);
+    if (!item) return;
     background += 1;
-    photo
-      .small(true)
+    const done = () => {
+      background -= 1;
+      workInBackground();
+    };
+    item
+      .small()
       .catch(() => {})
-      .finally(() => {
-        background -= 1;
-        workInBackground();
-      });
+      .finally(done);
     await null;
   }
 }
 
-// The others get the options of the current one, but for those that are true of one alone.
+/** The others get the options of the current one, but for those that are true of one alone. */
 function toAll() {
   const { current } = view;
-  for (const photo of photos) {
-    if (photo === current || photo.kind !== current.kind) continue;
-    photo.options = shared(current.options, photo.options);
-    if (photo.state !== "failed") photo.state = "waiting";
-    strip.update(photo);
+  if (!current) return;
+  for (const item of items) {
+    if (item === current || item.kind !== current.kind) continue;
+    item.options = shared(current.options, item.options);
+    item.become("change");
   }
   notice(current.kind === "clip" ? words.clipToAllDone : words.toAllDone);
   workInBackground();
-}
-
-function toggleGrid() {
-  by("grid").setAttribute("aria-pressed", view.stage.toggleGrid());
 }
 
 async function sample() {
@@ -124,8 +148,9 @@ async function sample() {
 
 // ---- what is told ----
 
-let lasting = null;
+let lasting = 0;
 
+/** @param {string} line */
 function notice(line) {
   by("notice").textContent = line;
   by("notice").hidden = !line;
@@ -134,93 +159,58 @@ function notice(line) {
 }
 
 onHealth((health) => {
-  const line = { gone: words.gone, "old link": words.oldLink }[health];
-  if (line) notice(line);
-  else if ([words.gone, words.oldLink].includes(by("notice").textContent)) notice("");
+  const said = { gone: words.gone, "old link": words.oldLink };
+  if (health) notice(said[health]);
+  else if (Object.values(said).includes(by("notice").textContent ?? "")) notice("");
 });
 
-// ---- keys and buttons ----
+// ---- keys, and what else happens to the page ----
 
 const {
   stage,
   controls: { hand },
 } = view;
+/** @type {Record<string, () => unknown>} */
 const keys = {
-  ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => view.pick(number)])),
   j: () => step(1),
   k: () => step(-1),
   z: () => stage.toggleZoom(),
   l: () => view.toggleLines(),
   f: () => view.fullScreen(),
-  o: () => view.original(true),
+  o: () => (stage.original = true),
   "+": stage.zoomIn,
   "=": stage.zoomIn,
   "-": stage.zoomOut,
   0: () => stage.whole(),
   s: () => view.save(),
   p: () => view.play(),
-  g: toggleGrid,
+  g: () => view.bar.toggleGrid(),
   escape: () => hand.stop(),
-  ...Object.fromEntries(
-    [
-      ["left", -1],
-      ["right", 1],
-      ["up", -1],
-      ["down", 1],
-    ].map(([way, steps]) => [`arrow${way}`, () => hand.nudge(steps)]),
-  ),
 };
+for (let number = 1; number <= 9; number++) keys[number] = () => view.pick(number);
+for (const way of ["left", "up"]) keys[`arrow${way}`] = () => hand.nudge(-1);
+for (const way of ["right", "down"]) keys[`arrow${way}`] = () => hand.nudge(1);
+
 addEventListener("keydown", (event) => {
-  const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
-  const key = event.key.toLowerCase();
-  if (view.current && !typing && key === "z" && (event.ctrlKey || event.metaKey) && !event.shiftKey) {
+  const typing = pressed(event, "input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
+  const [key, held] = [event.key.toLowerCase(), event.ctrlKey || event.metaKey];
+  const dialog = /** @type {HTMLDialogElement} */ (by("save-which"));
+  if (!view.current || typing) return;
+  if (key === "z" && held && !event.shiftKey) {
     event.preventDefault();
     return view.undo();
   }
-  if (key.startsWith("arrow") && (!hand.pulls || event.target.closest?.("input, .handle"))) return;
-  if (
-    !view.current ||
-    typing ||
-    by("save-which").open ||
-    event.ctrlKey ||
-    event.metaKey ||
-    event.altKey ||
-    !(key in keys)
-  )
-    return;
+  if (key.startsWith("arrow") && (!hand.pulls || pressed(event, "input, .handle"))) return;
+  if (dialog.open || held || event.altKey || !(key in keys)) return;
   event.preventDefault();
   keys[key]();
 });
-addEventListener("keyup", (event) => event.key.toLowerCase() === "o" && view.current && view.original(false));
-const clicks = {
-  previous: () => step(-1),
-  next: () => step(1),
-  close: () => close(view.current),
-  "zoom-in": stage.zoomIn,
-  "zoom-out": stage.zoomOut,
-  grid: toggleGrid,
-  "full-screen": () => view.fullScreen(),
-  sample,
-};
-for (const [id, clicked] of Object.entries(clicks)) by(id).addEventListener("click", clicked);
-by("drop-area").addEventListener("click", (event) => !event.target.closest("#sample") && by("choose").click());
-for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave"]) {
-  by("original").addEventListener(name, () => view.original(name === "pointerdown"));
-}
-by("zoom").append(
-  ...[["", ""], ...words.zoomTo].map(([value, said]) => make("option", { value, hidden: !value }, said)),
-);
-by("zoom").addEventListener("change", () => {
-  const scale = Number(by("zoom").value);
-  if (scale) stage.zoomTo(scale);
-  else stage.whole();
-  by("zoom").value = ""; // the first, which says the present zoom
+addEventListener("keyup", (event) => {
+  if (event.key.toLowerCase() === "o") stage.original = false;
 });
-by("zoom").title = words.zoomHelp;
-by("original").title = words.originalHelp;
-by("save-all").addEventListener("click", () => saveAll(strip.shown, notice));
-addEventListener("beforeunload", (event) => photos.some((photo) => photo.unsaved) && event.preventDefault());
-addEventListener("pagehide", () => photos.forEach((photo) => photo.forget()));
+by("drop-area").addEventListener("click", (event) => !pressed(event, "#sample") && by("choose").click());
+addEventListener("beforeunload", (event) => items.some((item) => item.unsaved) && event.preventDefault());
+addEventListener("pagehide", () => items.forEach((item) => item.forget()));
 watch(take);
 
 about()

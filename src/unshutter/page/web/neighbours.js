@@ -1,162 +1,136 @@
 // Frames taken just before and after the photo: chosen or dropped here, they say how the camera moved.
 
-import { control, others } from "./described.js";
+/** @import { Which } from "./types.js" */
+
+import { Form } from "./form.js";
 import { make } from "./nodes.js";
 import { Photo } from "./photo.js";
-import { check } from "./widgets.js";
+import { check, quiet, section } from "./widgets.js";
 import { words } from "./words.js";
 
-const PLACED = ["before", "after", "at", "readout-ratio", "model", "fallback"];
+export const GROUPS = ["neighbours", "clock"]; // of options
+const SIDES = /** @type {const} */ (["before", "after"]);
 
 export class Neighbours {
-  // changed: called when what is asked for has changed; give(file): a Photo, or null if it cannot be one.
+  /** @type {Photo | null} */
+  photo = null;
+
+  /** @param {() => void} changed called when what is asked for has changed */
   constructor(changed) {
     this.changed = changed;
-    this.photo = null;
-    this.places = make("div", { class: "row" });
-    const set = (name, value) => this.#set(name, value);
-    this.ratio = control("photo", "readout-ratio", "ratio", set);
-    this.model = control("photo", "model", "model", set);
-    this.fallback = control("photo", "fallback", "fallback", set);
-    this.shown = [
-      this.ratio,
-      this.model,
-      this.fallback,
-      ...others("photo", PLACED, ["neighbours", "clock"], "option-", set),
-    ];
-    this.more = make("details", {}, make("summary", {}, words.more), ...this.shown.slice(1).map(({ node }) => node));
-    this.timing = make(
-      "div",
-      {},
-      this.ratio.node,
-      make("p", { class: "quiet" }, words.ratioHelp),
-      ...this.#moment(),
-      this.more,
-    );
-    this.node = make(
-      "details",
-      { class: "section", id: "neighbours" },
-      make("summary", {}, words.neighbours),
-      make("p", { class: "quiet" }, words.neighboursHelp),
-      this.places,
-      this.timing,
-    );
+    this.places = make("div.row");
+    this.form = new Form("photo", (name, value) => this.#set(name, value), [...SIDES, "at"]);
+    this.ratio = this.form.control("readout-ratio", "ratio");
+    this.model = this.form.control("model");
+    const more = [this.model, this.form.control("fallback"), ...this.form.rest((group) => GROUPS.includes(group))];
+    this.another = check("another", words.another, (on) => this.#moveMoment(on));
+    const range = { type: "range", id: "at", step: "0.05", "aria-label": words.atLabel };
+    this.at = make("input", range, {
+      onchange: () => this.#set("at", this.at.value),
+      oninput: () => this.#sayMoment(),
+    });
+    this.atSaid = make("output", { for: "at" });
+    const opened = make("details", make("summary", words.more), ...more.map(({ node }) => node));
+    const moment = [this.another.node, this.at, this.atSaid];
+    this.timing = make("div", this.ratio.node, quiet(words.ratioHelp), ...moment, opened);
+    const parts = [quiet(words.neighboursHelp), this.places, this.timing];
+    this.node = section("neighbours", { id: "neighbours" }, ...parts);
   }
 
-  // Shows where neighbours are chosen.
+  /** Shows where neighbours are chosen. */
   open() {
     this.node.open = true;
     this.node.scrollIntoView({ block: "nearest" });
-    this.places.querySelector("input, button")?.focus();
+    /** @type {HTMLElement | null} */ (this.places.querySelector("input, button"))?.focus();
   }
 
-  // Shows where the ratio is typed.
+  /** Shows where the ratio is typed. */
   askRatio() {
     this.node.open = true;
     this.ratio.field.focus();
   }
 
-  // Leaves all neighbours out.
+  /** Leaves all neighbours out. */
   clear() {
-    for (const which of Object.keys(this.photo.neighbours)) this.#forget(which);
-    this.show(this.photo);
-    this.changed();
+    for (const which of SIDES) this.#forget(which);
+    this.#update();
   }
 
+  /** @param {Photo} photo */
   show(photo) {
-    if (photo !== this.photo) this.node.open = Object.keys(photo.neighbours).length > 0;
+    const { beside, neighbours, hasNeighbours } = photo;
+    if (photo !== this.photo) this.node.open = hasNeighbours;
     this.photo = photo;
-    this.places.replaceChildren(...["before", "after"].map((which) => this.#place(which)));
-    this.timing.hidden = !Object.keys(photo.neighbours).length;
-    const { beside, neighbours } = photo;
-    for (const each of this.shown) each.show(beside);
-    this.model.field.querySelector("[value=camera]").disabled = "at" in beside; // it knows no other moment
-    this.another.field.checked = "at" in beside;
-    this.at.disabled = !("at" in beside);
+    this.places.replaceChildren(...SIDES.map((which) => this.#place(which, photo)));
+    this.timing.hidden = !hasNeighbours;
+    this.form.show(beside);
+    const between = "at" in beside;
+    const camera = /** @type {HTMLOptionElement} */ (this.model.field.querySelector("[value=camera]"));
+    camera.disabled = between; // it knows no other moment
+    this.another.field.checked = between;
     Object.assign(this.at, { min: neighbours.before ? "-1" : "0", max: neighbours.after ? "1" : "0" });
-    this.at.value = beside.at ?? "0";
-    this.atSaid.textContent = "at" in beside ? words.at(Number(beside.at)) : "";
+    Object.assign(this.at, { value: beside.at ?? "0", disabled: !between });
+    this.#sayMoment();
   }
 
-  // The moment of the picture: that of the reference row, or any between the frames.
-  #moment() {
-    this.at = make("input", {
-      type: "range",
-      id: "at",
-      step: "0.05",
-      "aria-label": words.atLabel,
-      onchange: () => this.#set("at", this.at.value),
-    });
-    this.at.addEventListener("input", () => (this.atSaid.textContent = words.at(Number(this.at.value))));
-    this.atSaid = make("output", { for: "at" });
-    this.another = check("another", words.another, (on) => {
-      if (on && this.photo.beside.model === "camera") delete this.photo.beside.model;
-      this.#set("at", on ? (this.photo.neighbours.after ? "0.5" : "-0.5") : "");
-    });
-    return [this.another.node, this.at, this.atSaid];
+  #sayMoment() {
+    this.atSaid.textContent = this.at.disabled ? "" : words.at(Number(this.at.value));
   }
 
+  /** Another moment than that of the reference row: any between the frames. @param {boolean} on */
+  #moveMoment(on) {
+    const { beside, neighbours } = /** @type {Photo} */ (this.photo);
+    if (on && beside.model === "camera") delete beside.model;
+    this.#set("at", on ? (neighbours.after ? "0.5" : "-0.5") : "");
+  }
+
+  /** @param {string} name @param {string} value */
   #set(name, value) {
-    if (value === "" || value === false) delete this.photo.beside[name];
-    else this.photo.beside[name] = String(value);
-    this.show(this.photo);
+    const { beside } = /** @type {Photo} */ (this.photo);
+    if (value === "") delete beside[name];
+    else beside[name] = value;
+    this.#update();
+  }
+
+  #update() {
+    this.show(/** @type {Photo} */ (this.photo));
     this.changed();
   }
 
-  #place(which) {
-    const there = this.photo.neighbours[which];
+  /** @param {Which} which @param {Photo} photo */
+  #place(which, { neighbours }) {
+    const there = neighbours[which];
     if (there) {
-      return make(
-        "span",
-        { class: "neighbour" },
-        words.neighbourIs[which](there.name),
-        make(
-          "button",
-          {
-            type: "button",
-            "aria-label": words.neighbourForget,
-            title: words.neighbourForget,
-            onclick: () => this.#put(which, null),
-          },
-          "×",
-        ),
-      );
+      const forgets = { "aria-label": words.neighbourForget, title: words.neighbourForget };
+      const forget = make("button", { type: "button", ...forgets, onclick: () => this.#put(which) }, "×");
+      return make("span.neighbour", words.neighbourIs[which](there.name), forget);
     }
-    const choose = make("input", {
-      type: "file",
-      class: "away",
-      id: `choose-${which}`,
-      onchange: (event) => this.#put(which, event.target.files[0]),
-    });
-    return make(
-      "label",
-      {
-        class: "button",
-        ondragover: (event) => event.preventDefault(),
-        ondrop: (event) => {
-          event.preventDefault();
-          event.stopPropagation(); // it is not another photo to straighten
-          document.documentElement.classList.remove("dropping");
-          if (event.dataTransfer.files.length) this.#put(which, event.dataTransfer.files[0]);
-        },
-      },
-      words.neighbourOf[which],
-      choose,
-    );
+    const choose = make("input.away", { type: "file", id: `choose-${which}` });
+    choose.addEventListener("change", () => this.#put(which, choose.files?.[0]));
+    const drop = (/** @type {DragEvent} */ event) => {
+      event.preventDefault();
+      event.stopPropagation(); // it is not another photo to straighten
+      document.documentElement.classList.remove("dropping");
+      if (event.dataTransfer?.files.length) this.#put(which, event.dataTransfer.files[0]);
+    };
+    const listeners = { ondragover: (/** @type {DragEvent} */ event) => event.preventDefault(), ondrop: drop };
+    return make("label.button", listeners, words.neighbourOf[which], choose);
   }
 
+  /** @param {Which} which */
   #forget(which) {
-    this.photo.neighbours[which]?.forget();
-    delete this.photo.neighbours[which];
-    delete this.photo.beside.at; // which may lie on the other side now
-    this.photo.neighbourError = "";
+    const photo = /** @type {Photo} */ (this.photo);
+    photo.neighbours[which]?.forget();
+    delete photo.neighbours[which];
+    delete photo.beside.at; // which may lie on the other side now
+    photo.trouble = null;
   }
 
+  /** @param {Which} which @param {File} [file] none: there is no neighbour any more */
   #put(which, file) {
     this.#forget(which);
-    if (file) this.photo.neighbours[which] = new Photo(file);
+    if (file && this.photo) this.photo.neighbours[which] = new Photo(file);
     this.node.open = true;
-    this.show(this.photo);
-    this.changed();
+    this.#update();
   }
 }

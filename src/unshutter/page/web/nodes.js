@@ -1,41 +1,55 @@
 // Elements, made in one line.
 
+/** @import { Made, Part } from "./types.js" */
+
 const SVG = "http://www.w3.org/2000/svg";
 
-const put = (node, attributes, children) => {
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
-    else if (typeof value === "boolean") node.toggleAttribute(name, value);
-    else if (value !== null && value !== undefined) node.setAttribute(name, value);
+/** @template {Element} T @param {T} node @param {Part[]} parts @returns {T} */
+function put(node, parts) {
+  for (const part of parts) {
+    if (typeof part === "string" || part instanceof Node) node.append(part);
+    else for (const [name, value] of Object.entries(part || {})) set(node, name, value);
   }
-  node.append(...children);
   return node;
-};
-
-export const make = (name, attributes = {}, ...children) => put(document.createElement(name), attributes, children);
-export const draw = (name, attributes = {}, ...children) =>
-  put(document.createElementNS(SVG, name), attributes, children);
-// Fills a node with others, unless it has the like already: what is under a pressed pointer must not be taken away.
-export function refill(node, children) {
-  const html = (nodes) => nodes.map((each) => each.outerHTML).join("");
-  if (html([...node.children]) !== html(children)) node.replaceChildren(...children);
 }
 
-// Puts the words where index.html names them.
-export function fill(root, words) {
-  for (const node of root.querySelectorAll("[data-word]")) node.prepend(words[node.dataset.word]);
-  for (const node of root.querySelectorAll("[data-label]")) {
-    node.setAttribute("aria-label", words[node.dataset.label]);
-    if (node instanceof HTMLButtonElement) node.title = words[node.dataset.label];
-  }
+/** @param {Element} node @param {string} name @param {any} value */
+function set(node, name, value) {
+  if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+  else if (typeof value === "boolean" && !name.startsWith("aria-")) node.toggleAttribute(name, value);
+  else if (value !== null && value !== undefined) node.setAttribute(name, value);
+}
+
+/**
+ * An element of a tag and classes, "p.quiet", with its parts: attributes, listeners (on...), children and words.
+ * @template {string} S @param {S} selector @param {Part[]} parts
+ */
+export function make(selector, ...parts) {
+  const [tag, ...classes] = selector.split(".");
+  const node = document.createElement(tag);
+  if (classes.length) node.className = classes.join(" ");
+  return /** @type {Made<S>} */ (put(node, parts));
+}
+
+/** The like in SVG. @param {string} tag @param {Part[]} parts */
+export const draw = (tag, ...parts) => put(document.createElementNS(SVG, tag), parts);
+
+/**
+ * Fills a node with others, unless it has the like already: what is under a pressed pointer must not be taken away.
+ * @param {Element} node @param {Element[]} children
+ */
+export function refill(node, children) {
+  const html = (/** @type {Element[]} */ nodes) => nodes.map((each) => each.outerHTML).join("");
+  if (html([...node.children]) !== html(children)) node.replaceChildren(...children);
 }
 
 const KEPT_OF_NAME = 9; // characters at its end, with its number and extension
 
-// A file's name in two parts: where there is no room, its middle gives way.
+/** A file's name in two parts: where there is no room, its middle gives way. @param {string} name */
 export const nameParts = (name) => [
-  make("span", { class: "start" }, name.slice(0, -KEPT_OF_NAME)),
-  make("span", {}, name.slice(-KEPT_OF_NAME)),
+  make("span.start", name.slice(0, -KEPT_OF_NAME)),
+  make("span", name.slice(-KEPT_OF_NAME)),
 ];
 
-export const by = (id) => document.getElementById(id);
+/** @param {string} id */
+export const by = (id) => /** @type {HTMLElement} */ (document.getElementById(id));

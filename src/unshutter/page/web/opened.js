@@ -1,22 +1,33 @@
 // A file that is open on the page: it is sent to the program, and asked about there.
 
-import { ask, close, query, Refused, send } from "./api.js";
+/** @import { ClipFacts, ClipResult, Options, PhotoFacts, PhotoResult, Picture, Which } from "./types.js" */
+/** @import { Event as StateEvent, State } from "./states.js" */
+
+import { ask, close, isAbort, Refused, rest, send } from "./api.js";
+import { next } from "./states.js";
 
 const TRIES_AGAIN_MS = 1000;
 
 export class Opened extends EventTarget {
-  id = null; // that the program gave it; null: it has to be sent (again)
-  options = {}; // name of the field -> text, as on the command line; only what differs from the defaults
-  state = "waiting"; // waiting, loading, finding, done, failed; of clips also opened and asking
+  /** @type {string | null} that the program gave it; null: it has to be sent (again) */
+  id = null;
+  /** @type {Options} only what differs from the defaults */
+  options = {};
+  /** @type {State} */
+  state = "waiting";
   loaded = 0;
   error = "";
-  facts = null; // what its file says
-  result = null; // what was found and done
-  pictures = {}; // before, after -> {blob, longest}
+  /** @type {PhotoFacts | ClipFacts | null} what its file says */
+  facts = null;
+  /** @type {PhotoResult | ClipResult | null} what was found and done */
+  result = null;
+  /** @type {Partial<Record<Which, Picture>>} */
+  pictures = {};
   saved = ""; // the wishes with which it was saved last
+  /** @type {Promise<void> | null} */
   #sending = null;
 
-  // address: of its kind in the program's API.
+  /** @param {File} file @param {string} address of its kind in the program's API */
   constructor(file, address) {
     super();
     this.file = file;
@@ -24,45 +35,45 @@ export class Opened extends EventTarget {
     this.name = file.name || "photo";
   }
 
-  // Changes an option, "" for its default. Whoever shows the file asks for it anew.
+  /**
+   * Changes an option, "" for its default. Whoever shows the file asks for it anew.
+   * @param {string} name @param {string} value
+   */
   set(name, value) {
-    if (value === "" || value === null || value === false) delete this.options[name];
-    else this.options[name] = String(value);
+    if (value === "") delete this.options[name];
+    else this.options[name] = value;
   }
 
-  // All that was asked for, as text: whether it was saved is known by it.
+  /** All that was asked for, as text: whether it was saved is known by it. */
   get wishes() {
     return JSON.stringify(this.options);
   }
 
-  // Whether something was done to it that has not been saved.
+  /** Whether something was done to it that has not been saved. */
   get unsaved() {
     return this.state === "done" && Boolean(this.result?.changed) && !this.kept;
   }
 
-  // Whether it was saved as it is now.
+  /** Whether it was saved as it is now. */
   get kept() {
     return this.saved === this.wishes;
   }
 
-  // It was saved with these wishes.
+  /** It was saved with these wishes. @param {string} wishes */
   keep(wishes) {
     this.saved = wishes;
     this.tell();
   }
 
-  // Its id, once the program has it.
-  async sent() {
-    await this.send();
-    return this.id;
-  }
-
-  // The answer to a question about this file; sends it anew if the program has forgotten it.
+  /**
+   * The answer to a question about this file; sends it anew if the program has forgotten it.
+   * @param {string} what @param {() => Promise<Record<string, string>>} asked @param {AbortSignal} [signal]
+   */
   async askFor(what, asked, signal) {
     for (;;) {
       await this.send();
       try {
-        return await ask(`${this.address}/${this.id}/${what}?${query(await asked())}`, { signal });
+        return await ask(`${this.address}/${this.id}/${what}?${new URLSearchParams(await asked())}`, { signal });
       } catch (error) {
         if (!(error instanceof Refused) || error.status !== 404) throw error;
         this.lose();
@@ -70,29 +81,32 @@ export class Opened extends EventTarget {
     }
   }
 
-  // Sends it, unless the program has it.
-  send() {
-    if (this.id === null) this.#sending ??= this.#sendNow().finally(() => (this.#sending = null));
-    return this.#sending;
+  /** Sends it, unless the program has it; returns its id. */
+  async send() {
+    if (this.id === null) {
+      this.#sending ??= this.#sendNow().finally(() => (this.#sending = null));
+      await this.#sending;
+    }
+    return /** @type {string} */ (this.id);
   }
 
   async #sendNow() {
     for (;;) {
       try {
-        this.become("loading");
+        this.become("send");
         this.id = await send(this.address, this.file, (share) => {
           this.loaded = share;
           this.tell();
         });
         return;
       } catch (error) {
-        if (![0, 429, 503].includes(error.status)) throw error;
-        await new Promise((done) => setTimeout(done, TRIES_AGAIN_MS)); // it is not there, or busy
+        if (!(error instanceof Refused) || ![0, 429, 503].includes(error.status)) throw error;
+        await rest(TRIES_AGAIN_MS); // it is not there, or busy
       }
     }
   }
 
-  // The program does not know it any more.
+  /** The program does not know it any more. */
   lose() {
     this.id = null;
   }
@@ -102,15 +116,20 @@ export class Opened extends EventTarget {
     this.lose();
   }
 
-  fail(error, state = "failed") {
-    if (error.name === "AbortError") return; // it is asked for again, or closed
+  /**
+   * What to do about an error; one of the page itself is thrown on.
+   * @param {unknown} error @param {StateEvent} [event]
+   */
+  fail(error, event = "refuse") {
+    if (isAbort(error)) return; // it is asked for again, or closed
     if (!(error instanceof Refused)) throw error;
     this.error = error.message;
-    this.become(state);
+    this.become(event);
   }
 
-  become(state) {
-    this.state = state;
+  /** @param {StateEvent} event */
+  become(event) {
+    this.state = next(this.state, event);
     this.tell();
   }
 

@@ -1,97 +1,122 @@
 // A photo on the page: its file, what the user said of it, and what the program made of it.
 
+/** @import { Advised, Candidate, Line, Longest, Options, PhotoFacts, PhotoResult, Which } from "./types.js" */
+
 import { factsIn, Refused } from "./api.js";
-import { ofGroups } from "./described.js";
+import { ofGroups } from "./form.js";
 import { Opened } from "./opened.js";
-import { words } from "./words.js";
 
 const SMALL = 320;
-const NEIGHBOURS_FAIL = ["other-size", "scenes-differ", "too-little-to-follow", "frames-disagree", "no-neighbour"];
-const UNDOING = ofGroups("photo", ["undo", "save"]); // the others find
-const WITH_NEIGHBOURS = ["edges", "reference", "readout", "focal-px", ...ofGroups("photo", ["save"])]; // options that go with them
+const UNDOING = [...ofGroups("photo", ["undo", "save"]), "candidate"]; // the others find
+const WITH_NEIGHBOURS = ["edges", "reference", "readout", "focal-px", ...ofGroups("photo", ["save"])];
+
+/** @typedef {{ sentence: string, advice: Advised[] }} Trouble */
+
+/** Whether an option counts for a photo with neighbours. @param {string} name */
+export const goesWithNeighbours = (name) => WITH_NEIGHBOURS.includes(name);
 
 export class Photo extends Opened {
-  kind = "photo";
-  lines = []; // drawn by hand: {kind, points: [[x, y], ...]}, shares of width and height
-  hand = {}; // numbers set by hand: name of the field -> text
-  candidates = []; // motions that fit, as the program lists them, each with a small picture
-  #candidatesOf = null; // the options that they were found with
+  kind = /** @type {const} */ ("photo");
+  /** @type {PhotoFacts | null} */
+  facts = null;
+  /** @type {PhotoResult | null} */
+  result = null;
+  /** @type {Line[]} drawn by hand, in shares of width and height */
+  lines = [];
+  /** @type {Options} numbers set by hand */
+  hand = {};
+  /** @type {Candidate[]} motions that fit, as the program lists them, each with a small picture */
+  candidates = [];
+  /** @type {string | null} the options that they were found with, as text */
+  #candidatesOf = null;
   #steps = ["[[],{},null]"]; // lines, numbers by hand and candidate, as text, after each step by hand
-  neighbourCode = ""; // of the reason below, where it has one
-  neighbourError = ""; // why the neighbours cannot be used: the photo alone counts then
-  neighbours = {}; // before, after -> another Photo, taken just then
-  beside = {}; // options that are for a photo with neighbours alone: name of the field -> text
+  /** @type {Trouble | null} why the neighbours cannot be used: the photo alone counts then */
+  trouble = null;
+  /** @type {Partial<Record<Which, Photo>>} taken just then */
+  neighbours = {};
+  /** @type {Options} that are for a photo with neighbours alone */
+  beside = {};
 
+  /** @param {File} file */
   constructor(file) {
     super(file, "/api/photos");
   }
 
-  // Brings the pictures before and after to the wanted size; tells "change" on the way.
+  /**
+   * Brings the pictures before and after to the wanted size; tells "change" on the way.
+   * @param {Longest} longest @param {boolean} [later] @param {"both" | "after"} part
+   */
   async show(longest, later, part = "both") {
-    const asked = { longest, ...(later ? { later: 1 } : {}) };
     try {
       await this.send();
-      if (part === "both") this.become("finding");
-      await Promise.all([part === "both" ? this.#fetch("before", asked) : null, this.#fetchAfter(asked)]);
-      const listed = !later && (await this.#listCandidates()); // before it is done: their row must not move the picture later
-      this.become("done");
+      if (part === "both") this.become("look");
+      const before = part === "both" ? this.#fetch("before", longest, later) : null;
+      await Promise.all([before, this.#fetchAfter(longest, later)]);
+      const listed = !later && (await this.#listCandidates()); // before it is done: the picture must not move later
+      this.become("answer");
       if (listed) this.#drawCandidates();
     } catch (error) {
       this.fail(error);
     }
   }
 
-  // Changes an option; another way to find the motion finds other candidates.
+  /**
+   * Changes an option; another way to find the motion finds other candidates.
+   * @param {string} name @param {string} value
+   */
   set(name, value) {
     super.set(name, value);
-    if (name === "min-confidence" || ![...UNDOING, "candidate"].includes(name)) delete this.options.candidate;
+    if (name === "min-confidence" || !UNDOING.includes(name)) delete this.options.candidate;
   }
 
-  // Takes a candidate, counted from 1, whatever was asked for before.
+  /** Takes a candidate, counted from 1, whatever was asked for before. @param {number} number */
   take(number) {
     this.resetHand();
     this.set("min-confidence", "");
     if (this.options.strength === "0") this.set("strength", "");
-    if (!this.candidates[number - 1].taken) this.set("candidate", number);
+    if (!this.candidates[number - 1].taken) this.set("candidate", String(number));
   }
 
-  // The number of the candidate that counts, from 1; 0: none of them.
+  /** The number of the candidate that counts, from 1; 0: none of them. */
   get candidate() {
     if (this.byHand || this.between || this.options["min-confidence"] === "0") return 0;
     if (this.options.strength === "0") return 1 + this.candidates.findIndex(({ kind }) => kind === "still");
     return Number(this.options.candidate ?? 1 + this.candidates.findIndex(({ taken }) => taken));
   }
 
-  // Whether a person chose to leave the photo as it is.
+  /** Whether a person chose to leave the photo as it is. */
   get tookStill() {
     return "candidate" in this.options && this.candidates[this.candidate - 1]?.kind === "still";
   }
 
-  // Whether lines or numbers by hand say how the camera moved.
+  /** Whether a person leaves it alone, as a setting or by taking it as it is. */
+  get leftAlone() {
+    return this.options.strength === "0" || this.tookStill;
+  }
+
+  /** Whether lines or numbers by hand say how the camera moved. */
   get byHand() {
     return this.lines.length > 0 || Object.keys(this.hand).length > 0;
   }
 
-  // Why each line stays askew, as far as the answer is about these lines.
-  get lineTroubles() {
-    return this.result?.lines?.length === this.lines.length ? this.result.lines : [];
-  }
-
-  // Whether the neighbours do.
+  /** Whether the neighbours do. */
   get between() {
-    return (
-      Object.keys(this.neighbours).length > 0 && !this.neighbourError && !this.byHand && this.options.strength !== "0"
-    );
+    return this.hasNeighbours && !this.trouble && !this.byHand && this.options.strength !== "0";
   }
 
-  // All that was asked for, as text: whether it was saved is known by it.
+  get hasNeighbours() {
+    return Object.keys(this.neighbours).length > 0;
+  }
+
+  /** Why each line stays askew, as far as the answer is about these lines. */
+  get lineTroubles() {
+    const troubles = this.result?.lines ?? [];
+    return troubles.length === this.lines.length ? troubles : [];
+  }
+
   get wishes() {
     const neighbours = Object.entries(this.neighbours).map(([which, { name }]) => [which, name]);
     return JSON.stringify([this.options, this.lines, this.hand, this.beside, neighbours]);
-  }
-
-  setHand(name, value) {
-    this.hand[name] = value;
   }
 
   resetHand() {
@@ -99,7 +124,14 @@ export class Photo extends Opened {
     this.hand = {};
   }
 
-  // Leaves the photo as it is, or no more.
+  /** All as it was when it came. */
+  reset() {
+    for (const neighbour of Object.values(this.neighbours)) neighbour.forget();
+    Object.assign(this, { options: {}, neighbours: {}, beside: {} });
+    this.resetHand();
+  }
+
+  /** Leaves the photo as it is, or no more. @param {boolean} alone */
   leave(alone) {
     if (!alone && this.tookStill) delete this.options.candidate;
     this.set("strength", alone ? "0" : "");
@@ -109,52 +141,56 @@ export class Photo extends Opened {
     return JSON.stringify([this.lines, this.hand, this.options.candidate ?? null]);
   }
 
-  // Remembers what was done by hand, to be undone.
+  /** Remembers what was done by hand, to be undone. */
   remember() {
     if (this.#step !== this.#steps.at(-1)) this.#steps.push(this.#step);
   }
 
-  // Whether there is a step to undo.
+  /** Whether there is a step to undo. */
   get undoable() {
     return this.#steps.length > 1 || this.#step !== this.#steps[0];
   }
 
-  // Takes back the last step by hand.
+  /** Takes back the last step by hand. */
   undo() {
     while (this.#steps.length > 1 && this.#steps.at(-1) === this.#step) this.#steps.pop();
-    const [lines, hand, candidate] = JSON.parse(this.#steps.at(-1));
+    const [lines, hand, candidate] = JSON.parse(/** @type {string} */ (this.#steps.at(-1)));
     Object.assign(this, { lines, hand });
-    if (candidate === null) delete this.options.candidate;
-    else this.options.candidate = candidate;
+    super.set("candidate", candidate ?? "");
   }
 
-  // The options as they are asked for: what does not go with neighbours is left out where they count, and the reverse.
+  /**
+   * The options as they are asked for: what does not go with neighbours is left out where they count, and the reverse.
+   */
   async asked() {
     if (!this.between) {
       const { edges, ...others } = this.options;
-      const own = edges === undefined || edges === "borrow" ? others : { ...others, edges };
+      const own = edges === undefined || edges === "borrow" ? others : this.options;
       return { ...own, ...this.hand, ...(this.lines.length ? { lines: this.#linesAsText() } : {}) };
     }
-    const kept = Object.entries(this.options).filter(
-      ([name]) => WITH_NEIGHBOURS.includes(name) && !(name === "reference" && "at" in this.beside),
-    ); // both say the moment
-    const ids = Object.entries(this.neighbours).map(async ([which, photo]) => [which, await photo.sent()]);
+    const counts = (/** @type {string} */ name) =>
+      goesWithNeighbours(name) && !(name === "reference" && "at" in this.beside); // both say the moment
+    const kept = Object.entries(this.options).filter(([name]) => counts(name));
+    const ids = Object.entries(this.neighbours).map(async ([which, photo]) => [which, await photo.send()]);
     return { ...Object.fromEntries([...kept, ...(await Promise.all(ids))]), ...this.beside };
   }
 
-  small = (later) => this.show(SMALL, later);
+  small = () => this.show(SMALL, true);
 
-  // A quick picture of what something that is being dragged does.
+  /** A quick picture of what something that is being dragged does. @param {number} longest */
   async draft(longest) {
-    return (await this.ask("after", { longest, draft: 1 })).blob();
+    return (await this.ask("after", { longest: String(longest), draft: "1" })).blob();
   }
 
-  // The answer to a question about this photo.
+  /**
+   * The answer to a question about this photo.
+   * @param {string} what @param {Options} more @returns {Promise<Response>}
+   */
   ask(what, more = {}) {
     return this.askFor(what, async () => ({ ...(what === "before" ? {} : await this.asked()), ...more }));
   }
 
-  // Asks what else the motion could be; whether there is something new to draw.
+  /** Asks what else the motion could be; whether there is something new to draw. */
   async #listCandidates() {
     const options = this.#finding;
     const key = JSON.stringify(options);
@@ -168,12 +204,12 @@ export class Photo extends Opened {
     }
   }
 
-  // Asks for small pictures of the candidates, as long as nothing else is asked for.
+  /** Asks for small pictures of the candidates, as long as nothing else is asked for. */
   async #drawCandidates() {
     const [key, options] = [this.#candidatesOf, this.#finding];
     try {
       for (const [index, candidate] of this.candidates.entries()) {
-        const asked = { ...options, candidate: index + 1, longest: SMALL, later: 1 };
+        const asked = { ...options, candidate: String(index + 1), longest: String(SMALL), later: "1" };
         const answer = await this.askFor("after", async () => asked);
         if (this.#candidatesOf !== key) return;
         candidate.crop = factsIn(answer).crop;
@@ -185,45 +221,46 @@ export class Photo extends Opened {
     }
   }
 
-  // They are asked for again with the next answer.
+  /** They are asked for again with the next answer. @param {unknown} error */
   #forgetCandidates(error) {
     if (!(error instanceof Refused)) throw error;
     this.#candidatesOf = null;
     return false;
   }
 
-  // The options by which its motion is found.
+  /** The options by which its motion is found. @returns {Options} */
   get #finding() {
-    return Object.fromEntries(
-      Object.entries(this.options).filter(([name]) => ![...UNDOING, "candidate"].includes(name)),
-    );
+    return Object.fromEntries(Object.entries(this.options).filter(([name]) => !UNDOING.includes(name)));
   }
 
   #linesAsText() {
-    return JSON.stringify(
-      this.lines.map(({ kind, points }) => [kind, ...points.flat().map((share) => Number(share.toFixed(5)))]),
-    );
+    const short = (/** @type {number} */ share) => Number(share.toFixed(5));
+    return JSON.stringify(this.lines.map(({ kind, points }) => [kind, ...points.flat().map(short)]));
   }
 
-  // The rectified photo: without its neighbours where they cannot be used.
-  async #fetchAfter(asked) {
-    this.neighbourError = this.neighbourCode = "";
+  /**
+   * The rectified photo: without its neighbours where they cannot be used.
+   * @param {Longest} longest @param {boolean} [later]
+   */
+  async #fetchAfter(longest, later) {
+    this.trouble = null;
     try {
-      await this.#fetch("after", asked);
-      if (!this.between || this.result.changed || !NEIGHBOURS_FAIL.includes(this.result.code)) return;
-      this.neighbourError = words.why(this.result);
-      await this.#fetch("after", asked);
+      await this.#fetch("after", longest, later);
+      const { changed = true, reason = "", advice = [] } = this.result ?? {};
+      if (!this.between || changed || !advice.includes("adviceNeighbours")) return;
+      this.trouble = { sentence: reason, advice };
     } catch (error) {
       if (!(error instanceof Refused) || error.status === 404 || !this.between) throw error;
-      [this.neighbourError, this.neighbourCode] = [error.message, error.code];
-      await this.#fetch("after", asked);
+      this.trouble = { sentence: error.message, advice: error.advice };
     }
+    await this.#fetch("after", longest, later);
   }
 
-  async #fetch(which, asked) {
-    const answer = await this.ask(which, asked);
+  /** @param {Which} which @param {Longest} longest @param {boolean} [later] */
+  async #fetch(which, longest, later) {
+    const answer = await this.ask(which, { longest: String(longest), ...(later ? { later: "1" } : {}) });
     const blob = await answer.blob();
-    this.pictures[which] = { blob, longest: asked.longest };
+    this.pictures[which] = { blob, longest };
     if (which === "before") this.facts = factsIn(answer);
     else this.result = factsIn(answer);
     this.tell();

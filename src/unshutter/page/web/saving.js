@@ -1,85 +1,104 @@
 // Photos and clips saved: one as a download, many as a zip file.
 
+/** @import { Doing, Item, Notice, Progress, Saving } from "./types.js" @import { Photo } from "./photo.js" */
+
 import { ask, close, download, events, lineOf } from "./api.js";
 import { by } from "./nodes.js";
+import { WRONG } from "./states.js";
+import { button } from "./widgets.js";
 import { words } from "./words.js";
 
-export async function saveOne(photo, notice) {
-  if (photo.kind === "clip") return saveMany([photo], "file", notice); // that takes long
+const bar = () => /** @type {HTMLProgressElement} */ (by("saving-bar"));
+const stop = button("stopSaving", () => {});
+by("saving").append(stop);
+
+/** @param {unknown} error */
+export const messageOf = (error) => (error instanceof Error ? error.message : String(error));
+
+/** @param {Item} item @param {Notice} notice */
+export async function saveOne(item, notice) {
+  if (item.kind === "clip") return saveMany([item], "file", notice); // that takes long
   try {
-    const wishes = photo.wishes;
-    notice(words.savedOne(await download(await photo.ask("picture"))));
-    photo.keep(wishes);
+    const wishes = item.wishes;
+    notice(words.savedOne(await download(await item.ask("picture"))));
+    item.keep(wishes);
   } catch (error) {
-    notice(words.error(photo.name, error.message));
+    notice(words.error(item.name, messageOf(error)));
   }
 }
 
+/** @param {Photo} photo @param {Notice} notice */
 export async function saveMotion(photo, notice) {
   try {
     await download(await photo.ask("motion"));
   } catch (error) {
-    notice(words.error(photo.name, error.message));
+    notice(words.error(photo.name, messageOf(error)));
   }
 }
 
-const canBeSaved = (photo) => photo.id !== null && !["failed", "asking"].includes(photo.state);
+/** @param {Item} item */
+const canBeSaved = ({ id, state }) => id !== null && !WRONG.includes(state);
 
-// Saves all as a zip file; if some are left unchanged, or may be, the user chooses whether they are wanted, too.
-export async function saveAll(photos, notice) {
-  const savable = photos.filter(canBeSaved);
-  const changed = savable.filter(({ state, result }) => state === "done" && result.changed).length;
-  const none = !changed && savable.every(({ state, kind }) => state === "done" && kind === "photo");
+/**
+ * Saves all as a zip file; if some are left unchanged, or may be, the user chooses whether they are wanted, too.
+ * @param {Item[]} items @param {Notice} notice
+ */
+export async function saveAll(items, notice) {
+  const savable = items.filter(canBeSaved);
+  const done = savable.filter(({ state }) => state === "done");
+  const changed = done.filter(({ result }) => result?.changed).length;
+  const none = !changed && done.length === savable.length && savable.every(({ kind }) => kind === "photo");
   const which = changed < savable.length ? await choice(changed, savable.length, none) : "all";
   if (which) await saveMany(savable, "zip", notice, which === "changed");
 }
 
+/** @param {number} changed @param {number} total @param {boolean} none is straightened @returns {Promise<string>} */
 function choice(changed, total, none) {
-  const dialog = by("save-which");
+  const dialog = /** @type {HTMLDialogElement} */ (by("save-which"));
   by("save-which-words").textContent = words.saveWhich(changed, total);
   dialog.returnValue = ""; // which Escape leaves
   by("save-changed").hidden = none;
   dialog.showModal();
-  dialog.querySelector("button:not([hidden])").focus();
-  return new Promise((done) => dialog.addEventListener("close", () => done(dialog.returnValue), { once: true }));
+  /** @type {HTMLElement | null} */ (dialog.querySelector("button:not([hidden])"))?.focus();
+  return new Promise((chosen) => dialog.addEventListener("close", () => chosen(dialog.returnValue), { once: true }));
 }
 
-// Saves one or many: to = "file" or "zip".
-async function saveMany(photos, to, notice, onlyChanged = false) {
-  const savable = photos.filter(canBeSaved);
+/** @param {Item[]} items @param {"file" | "zip"} to @param {Notice} notice */
+async function saveMany(items, to, notice, onlyChanged = false) {
+  const savable = items.filter(canBeSaved);
   if (!savable.length) return notice(words.nothingToSave);
-  const [box, stop] = [by("saving"), by("saving-stop")];
+  /** @type {Saving | null} */
   let saving = null;
   const leave = () => saving && close("/api/saves", saving.id); // nobody will fetch it
   addEventListener("pagehide", leave);
   try {
-    const wishes = savable.map((photo) => photo.wishes);
-    const asked = await Promise.all(savable.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
-    const body = JSON.stringify({ to, photos: asked, only_changed: onlyChanged });
-    saving = await (await ask("/api/saves", { method: "POST", body })).json();
+    const wishes = savable.map((item) => item.wishes);
+    const asked = savable.map(async (item) => ({ id: item.id, options: await item.asked() }));
+    const body = JSON.stringify({ to, photos: await Promise.all(asked), only_changed: onlyChanged });
+    const begun = /** @type {Saving} */ (await (await ask("/api/saves", { method: "POST", body })).json());
+    saving = begun;
     let stopped = false;
     stop.onclick = () => {
       stopped = true;
-      ask(`/api/saves/${saving.id}`, { method: "DELETE" });
+      ask(`/api/saves/${begun.id}`, { method: "DELETE" });
     };
-    box.hidden = false;
+    by("saving").hidden = false;
     const show = watch();
-    for await (saving of events(`/api/saves/${saving.id}/events`)) {
-      show(saving);
-    }
+    for await (const now of events(`/api/saves/${begun.id}/events`)) show((saving = /** @type {Saving} */ (now)));
     if (stopped) saving.state = "cancelled"; // even if it was just finished: its files are gone
     await ended(saving, notice);
-    savable.forEach((photo, k) => saving.done[k]?.result && photo.keep(wishes[k]));
+    const { done } = saving;
+    savable.forEach((item, k) => done[k]?.result && item.keep(wishes[k]));
   } catch (error) {
-    notice(error.message);
+    notice(messageOf(error));
   } finally {
-    box.hidden = true;
+    by("saving").hidden = true;
     removeEventListener("pagehide", leave);
     leave();
   }
 }
 
-// Stages of work on a clip -> seconds a step, and how many steps are usual before they are counted.
+/** Stages of work on a clip -> seconds a step, and how many steps are usual before they are counted. */
 const STEPS = {
   gyro: [0.5, 12],
   "readout time": [0.01, 500],
@@ -88,57 +107,69 @@ const STEPS = {
   frames: [0.03, 300],
 };
 
-// Says of what the program notes how much of the work on a clip is done, and how long the rest takes: one share from start to
-// end, which never falls, though the stages are many. goal: the last of them.
+/**
+ * Says of what the program notes how much of the work on a clip is done, and how long the rest takes: one share from
+ * start to end, which never falls, though the stages are many.
+ * @param {keyof typeof STEPS} goal the last of them @returns {(now: Partial<Progress> | null) => Doing}
+ */
 export function pace(goal) {
-  let [share, past, last, began] = [0, 0, null, null];
-  const cost = (what, total = STEPS[what][1]) => STEPS[what][0] * total;
+  let [share, past] = [0, 0];
+  /** @type {{ what: keyof typeof STEPS, done: number, total: number } | null} */
+  let last = null;
+  /** @type {{ at: number, share: number } | null} */
+  let began = null;
+  const cost = (/** @type {keyof typeof STEPS} */ what, total = STEPS[what][1]) => STEPS[what][0] * total;
   return (now) => {
-    if (!(now?.what in STEPS) || !now.total) return { share, left: "" };
-    if (last && (last.what !== now.what || now.done < last.done)) past += cost(last.what, last.total);
-    last = now;
-    const own = cost(now.what, now.total);
-    const coming =
-      now.what === goal ? 0 : now.what === "looking" ? own : cost(goal) + (goal === "frames" ? cost("looking") : 0);
-    share = Math.max(share, (past + own * Math.min(now.done / now.total, 1)) / (past + own + coming));
-    began ??= [performance.now() / 1000, share];
-    const [elapsed, done] = [performance.now() / 1000 - began[0], share - began[1]];
-    return { share, left: elapsed > 2 && done > 0.02 ? words.left((elapsed * (1 - share)) / done) : "" };
+    if (!now?.what || !(now.what in STEPS) || !now.total) return { share, left: "" };
+    const { done = 0, total } = now;
+    const what = /** @type {keyof typeof STEPS} */ (now.what);
+    if (last && (last.what !== what || done < last.done)) past += cost(last.what, last.total);
+    last = { what, done, total };
+    const own = cost(what, total);
+    const after = what === "looking" ? own : cost(goal) + (goal === "frames" ? cost("looking") : 0);
+    const coming = what === goal ? 0 : after;
+    share = Math.max(share, (past + own * Math.min(done / total, 1)) / (past + own + coming));
+    const at = performance.now() / 1000;
+    began ??= { at, share };
+    const [elapsed, gained] = [at - began.at, share - began.share];
+    return { share, left: elapsed > 2 && gained > 0.02 ? words.left((elapsed * (1 - share)) / gained) : "" };
   };
 }
 
-// Shows how many are done, of a clip at work how many frames, and how long that still takes.
+/** Shows how many are done, of a clip at work how many frames, and how long that still takes. */
 function watch() {
   let [files, own] = [0, pace("frames")];
-  return ({ done, total, now }) => {
+  return (/** @type {Saving} */ { done, total, now }) => {
     if (done.length !== files) [files, own] = [done.length, pace("frames")];
     const { share, left } = own(now);
-    by("saving-words").textContent = [
-      total > 1 || !now ? words.saving(files, total) : "",
-      now ? words.making(now) : "",
-      left,
-    ]
-      .filter(Boolean)
-      .join(" · ");
-    if (files + share) by("saving-bar").value = (files + share) / total;
-    else by("saving-bar").removeAttribute("value"); // nobody knows yet
+    const many = total > 1 || !now ? words.saving(files, total) : "";
+    by("saving-words").textContent = [many, now ? making(now) : "", left].filter(Boolean).join(" · ");
+    if (files + share) bar().value = (files + share) / total;
+    else bar().removeAttribute("value"); // nobody knows yet
   };
 }
 
-async function ended(saving, notice) {
-  const failed = saving.done.filter((each) => each.error).map((each) => ({ ...each, error: lineOf(each) }));
-  const count = saving.done.filter((each) => each.result).length;
-  if (saving.state === "cancelled") return notice(words.cancelled);
-  if (saving.state !== "finished") return notice(saving.error);
+/** @param {NonNullable<Saving["now"]>} now */
+function making(now) {
+  const doing = /** @type {Record<string, string>} */ (words.makingOf)[now.what];
+  return words.error(now.name, words.making(now, doing));
+}
+
+/** @param {Saving} saving @param {Notice} notice */
+async function ended({ id, to, state, error = "", total, done }, notice) {
+  const failed = done.filter((each) => each.error);
+  const count = done.filter((each) => each.result).length;
+  if (state === "cancelled") return notice(words.cancelled);
+  if (state !== "finished") return notice(error);
   if (count) {
     by("saving-words").textContent = words.fetching;
-    await download(await ask(`/api/saves/${saving.id}/file`));
+    await download(await ask(`/api/saves/${id}/file`));
   }
-  const clip = saving.total === 1 && count === 1 && saving.done[0].frames !== undefined;
-  const [{ name, declined }] = saving.done;
-  if (!count && !failed.length)
-    return notice(
-      saving.to === "file" && declined?.length ? words.clipUnchanged(name, words.why(declined[0])) : words.noneChanged,
-    );
-  notice(clip ? words.clipSaved(saving.done[0]) : words.saved(count, failed));
+  const [{ name, declined = [], frames }] = done;
+  if (!count && !failed.length) {
+    return notice(to === "file" && declined.length ? words.clipUnchanged(name, declined[0]) : words.noneChanged);
+  }
+  const why = failed.map((each) => `${each.name} (${lineOf(each)})`).join(", ");
+  const isClip = total === 1 && count === 1 && frames !== undefined;
+  notice(isClip ? words.clipSaved(done[0]) : words.savedMany(count, why));
 }

@@ -1,158 +1,163 @@
 // The thumbnails: a button for each photo or clip, with its state and how sure the answer is.
 
+/** @import { Box, Item } from "./types.js" */
+
 import { make, nameParts } from "./nodes.js";
+import { AT_WORK, shownState } from "./states.js";
+import { button, press } from "./widgets.js";
 import { words } from "./words.js";
 
 const SIDE = 160; // px, of the longer side
-const AT_WORK = ["waiting", "loading", "finding"];
 
-// What each choice of the filter shows: function of a photo or clip.
+/** @typedef {keyof typeof words.filterOf} Filter */
+
+/** What each choice of the filter shows. @type {Record<Filter, (item: Item) => boolean>} */
 const FILTERS = {
   all: () => true,
   changed: ({ state, result }) => state === "done" && Boolean(result?.changed),
-  look: ({ state, result }) =>
-    state === "asking" || (state === "done" && Boolean(result?.changed && result.certainty === "unsure")),
-  alone: ({ state, kind, result }) => state === "done" && kind === "photo" && !result.changed,
+  look: (item) => item.state === "asking" || (shownState(item) === "changed" && certaintyOf(item) === "unsure"),
+  alone: (item) => shownState(item) === "alone",
   failed: ({ state }) => state === "failed",
 };
+const NAMES = /** @type {Filter[]} */ (Object.keys(FILTERS));
+
+/** @param {Item} item */
+const certaintyOf = (item) => (item.kind === "photo" && item.result?.certainty) || "";
+
+/** @typedef {{ pick(item: Item): void, close(item: Item): void, filtered(shown: number): void }} On */
 
 export class Strip {
+  /** @type {Map<Item, ReturnType<Strip["thumbnail"]>>} */
   #items = new Map();
 
-  // list, bar: where thumbnails, and filter and progress, go; on: {pick(photo), close(photo),
-  // filtered(count of those that are shown)}.
+  /**
+   * @param {HTMLElement} list where thumbnails go @param {HTMLElement} bar where filter and progress go @param {On} on
+   */
   constructor(list, bar, on) {
     this.list = list;
     this.on = on;
+    /** @type {Filter} */
     this.filter = "all";
-    this.buttons = Object.keys(FILTERS).map((name) =>
-      make("button", { type: "button", id: `filter-${name}`, onclick: () => this.show(name) }),
-    );
+    this.buttons = NAMES.map((name) => press(`filter-${name}`, "", () => this.show(name)));
     this.progress = make("progress", { "aria-label": words.allDone });
-    this.removeFailed = make(
-      "button",
-      {
-        type: "button",
-        id: "remove-failed",
-        onclick: () => {
-          for (const photo of [...this.#items.keys()].filter(FILTERS.failed)) on.close(photo);
-        },
-      },
-      words.removeFailed,
-    );
-    bar.replaceChildren(
-      make("span", { class: "row", role: "group", "aria-label": words.filter }, ...this.buttons),
-      this.removeFailed,
-      this.progress,
-    );
+    this.removeFailed = button("removeFailed", () => this.#these("failed").forEach(on.close));
+    const group = make("span.row", { role: "group", "aria-label": words.filter }, ...this.buttons);
+    bar.replaceChildren(group, this.removeFailed, this.progress);
     this.#count();
   }
 
-  // Shows only some of them.
+  /** Shows only some of them. @param {Filter} filter */
   show(filter) {
     this.filter = filter;
     this.#count();
   }
 
-  // Those that are shown, in their order.
+  /** Those that are shown, in their order. */
   get shown() {
-    return [...this.#items.keys()].filter(FILTERS[this.filter]);
+    return this.#these(this.filter);
   }
 
-  // How many each filter shows, and how many of all are looked through.
+  /** @param {Filter} filter */
+  #these(filter) {
+    return [...this.#items.keys()].filter(FILTERS[filter]);
+  }
+
+  /** How many each filter shows, and how many of all are looked through. */
   #count() {
-    const photos = [...this.#items.keys()];
-    if (!photos.some(FILTERS[this.filter])) this.filter = "all"; // nothing is left to see
-    Object.keys(FILTERS).forEach((name, k) => {
-      const count = photos.filter(FILTERS[name]).length;
-      this.buttons[k].textContent = words.filterOf[name](count);
-      this.buttons[k].disabled = !count;
-      this.buttons[k].setAttribute("aria-pressed", name === this.filter);
+    if (!this.shown.length) this.filter = "all"; // nothing is left to see
+    NAMES.forEach((name, k) => {
+      const [each, count] = [this.buttons[k], this.#these(name).length];
+      each.textContent = words.filterOf[name](count);
+      each.disabled = !count;
+      each.setAttribute("aria-pressed", String(name === this.filter));
     });
-    for (const [photo, { item }] of this.#items) item.hidden = !FILTERS[this.filter](photo);
-    this.removeFailed.hidden = !photos.some(FILTERS.failed);
+    for (const [item, { node }] of this.#items) node.hidden = !FILTERS[this.filter](item);
+    this.removeFailed.hidden = !this.#these("failed").length;
     this.on.filtered(this.shown.length);
-    const done = photos.filter(({ state }) => !AT_WORK.includes(state)).length;
-    this.progress.hidden = done === photos.length;
-    Object.assign(this.progress, { max: Math.max(photos.length, 1), value: done });
-    this.progress.title = words.doneOf(done, photos.length);
+    const all = this.#these("all");
+    const done = all.filter(({ state }) => !AT_WORK.includes(state)).length;
+    this.progress.hidden = done === all.length;
+    Object.assign(this.progress, { max: Math.max(all.length, 1), value: done });
+    this.progress.title = words.doneOf(done, all.length);
   }
 
-  add(photo) {
+  /** @param {Item} item */
+  add(item) {
+    const made = this.thumbnail(item);
+    this.#items.set(item, made);
+    this.list.append(made.node);
+    item.addEventListener("change", () => this.update(item));
+    this.update(item);
+  }
+
+  /** @param {Item} item */
+  thumbnail(item) {
     const canvas = make("canvas", { width: SIDE, height: SIDE, "aria-hidden": "true" });
-    const state = make("span", { class: "state" });
-    const pick = make(
-      "button",
-      { type: "button", class: "thumbnail", title: photo.name, onclick: () => this.on.pick(photo) },
-      canvas,
-      make("span", { class: "file-name" }, ...nameParts(photo.name)),
-      state,
-    );
-    const close = make(
-      "button",
-      { type: "button", class: "close", "aria-label": words.close(photo.name), onclick: () => this.on.close(photo) },
-      "×",
-    );
-    const item = make("li", {}, pick, close);
-    this.#items.set(photo, { item, pick, canvas, state, drawn: null });
-    this.list.append(item);
-    photo.addEventListener("change", () => this.update(photo));
-    this.update(photo);
+    const [name, state] = [make("span.file-name", ...nameParts(item.name)), make("span.state")];
+    const picks = { type: "button", title: item.name, onclick: () => this.on.pick(item) };
+    const pick = make("button.thumbnail", picks, canvas, name, state);
+    const closes = { type: "button", "aria-label": words.close(item.name), onclick: () => this.on.close(item) };
+    const node = make("li", pick, make("button.close", closes, "×"));
+    return { node, pick, canvas, state, drawn: /** @type {Blob | null} */ (null) };
   }
 
-  remove(photo) {
-    this.#items.get(photo)?.item.remove();
-    this.#items.delete(photo);
+  /** @param {Item} item */
+  remove(item) {
+    this.#items.get(item)?.node.remove();
+    this.#items.delete(item);
     this.#count();
   }
 
-  select(photo) {
+  /** @param {Item} item */
+  select(item) {
     for (const [each, { pick }] of this.#items) {
-      if (each === photo) pick.setAttribute("aria-current", "true");
+      if (each === item) pick.setAttribute("aria-current", "true");
       else pick.removeAttribute("aria-current");
     }
-    this.#items.get(photo)?.item.scrollIntoView({ block: "nearest", inline: "nearest" });
+    this.#items.get(item)?.node.scrollIntoView({ block: "nearest", inline: "nearest" });
   }
 
-  update(photo) {
-    const item = this.#items.get(photo);
-    if (!item) return;
-    item.state.textContent = stateOf(photo);
-    item.pick.dataset.state =
-      photo.state === "done" && photo.kind === "photo" ? (photo.result.changed ? "changed" : "alone") : photo.state;
-    item.pick.dataset.sure =
-      photo.state === "done" && photo.kind === "photo" && photo.result.changed ? (photo.result.certainty ?? "") : "";
+  /** @param {Item} item */
+  update(item) {
+    const made = this.#items.get(item);
+    if (!made) return;
+    const shown = shownState(item);
+    made.state.textContent = stateSaid(item);
+    made.pick.dataset.state = shown;
+    made.pick.dataset.sure = shown === "changed" ? certaintyOf(item) : "";
     this.#count();
-    const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
-    if (blob && blob !== item.drawn) {
-      item.drawn = blob;
-      paint(item.canvas, blob, SIDE, photo.pictures.after && photo.result?.crop);
+    const { before, after } = item.pictures;
+    const blob = (after ?? before)?.blob;
+    if (blob && blob !== made.drawn) {
+      made.drawn = blob;
+      paint(made.canvas, blob, SIDE, after && item.result?.crop);
     }
   }
 }
 
-export function stateOf(photo) {
-  if (photo.kind === "clip" && photo.state in words.clipState) {
-    return ["opened", "done"].includes(photo.state) && photo.kept ? words.clipStateSaved : words.clipState[photo.state];
-  }
-  if (photo.state === "done") {
-    if (!photo.result.changed) return words.alone;
-    const state = photo.byHand ? words.changedByHand : words.changed(words.sure[photo.result.certainty]);
-    return photo.kept ? words.savedToo(state) : state;
-  }
-  return photo.state === "loading" ? words.loading(photo.loaded) : words[photo.state];
+/** The state of a photo or clip in words. @param {Item} item */
+export function stateSaid(item) {
+  const shown = shownState(item);
+  if (shown === "loading") return words.state.loading(item.loaded);
+  if ((shown === "done" || shown === "opened") && item.kept) return words.saved;
+  if (shown !== "changed") return words.state[shown];
+  const sure = certaintyOf(item);
+  const byHand = item.kind === "photo" && item.byHand;
+  const said = byHand ? words.changedByHand : words.state.changed(sure && words.sure[sure]);
+  return item.kept ? `${said} · ${words.saved}` : said;
 }
 
-// Draws what a crop leaves of a picture as large as the side allows [px]; crop: left, top, right, bottom, shares.
+/**
+ * Draws what a crop leaves of a picture as large as the side allows [px].
+ * @param {HTMLCanvasElement} canvas @param {Blob} blob @param {number} side @param {Box | null} [crop]
+ */
 export async function paint(canvas, blob, side, crop) {
   const picture = await createImageBitmap(blob);
   const [left, top, right, bottom] = crop ?? [0, 0, 1, 1];
+  const [x, y] = [left * picture.width, top * picture.height];
   const [width, height] = [(right - left) * picture.width, (bottom - top) * picture.height];
   const scale = Math.min(side / width, side / height);
-  canvas.width = width * scale;
-  canvas.height = height * scale;
-  canvas
-    .getContext("2d")
-    .drawImage(picture, left * picture.width, top * picture.height, width, height, 0, 0, canvas.width, canvas.height);
+  Object.assign(canvas, { width: width * scale, height: height * scale });
+  canvas.getContext("2d")?.drawImage(picture, x, y, width, height, 0, 0, canvas.width, canvas.height);
   picture.close();
 }

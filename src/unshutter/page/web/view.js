@@ -1,149 +1,167 @@
 // The photo or clip that is looked at: its pictures, panel and advice on the screen, asked for anew as options change.
 
+/** @import { Item, Longest, Notice, Segments, Which } from "./types.js" */
+
 import { Advice } from "./advice.js";
+import { isAbort } from "./api.js";
+import { Bar } from "./bar.js";
 import { Candidates } from "./candidates.js";
 import { ClipControls } from "./clip_controls.js";
 import { Controls } from "./controls.js";
 import { Lines } from "./lines.js";
 import { Moments } from "./moments.js";
-import { by, nameParts } from "./nodes.js";
+import { by } from "./nodes.js";
 import { Player } from "./player.js";
-import { saveMotion, saveOne } from "./saving.js";
+import { messageOf, saveMotion, saveOne } from "./saving.js";
 import { Stage } from "./stage.js";
-import { stateOf } from "./strip.js";
-import { percent, words } from "./words.js";
+import { WRONG } from "./states.js";
+import { stateSaid } from "./strip.js";
+import { words } from "./words.js";
 
 const SIDES = [1000, 1600, 2400]; // longer sides of copies for screens [px], as the program makes them
 const ZOOM_REST_MS = 250;
 const SLOW_MS = 300; // an answer that takes longer is announced
 
+/** @param {Longest} one @param {Longest} other */
 const larger = (one, other) => other !== "full" && (one === "full" || one > other);
 
+/** @typedef {{ notice: Notice, toAll(): void, step(by: number): void, close(): void }} On */
+
 export class View {
+  /** @type {Item | null} */
   current = null;
-  #shown = {}; // the blobs that are on the stage
-  #resizing = null;
+  /** @type {Partial<Record<Which, Blob | null>>} that are on the stage */
+  #shown = {};
+  #resizing = 0;
   #drafting = false;
   #draftAgain = false;
-  #asking = null; // the photo that is asked for
-  #again = null; // what was asked for meanwhile: only the last wish counts
+  /** @type {Item | null} that is asked for */
+  #asking = null;
+  /** @type {"both" | "after" | null} what was asked for meanwhile: only the last wish counts */
+  #again = null;
   #linesShown = false;
 
-  // on: {notice(line), toAll} called with what to tell, and when others shall get the options of this one.
+  /** @param {On} on */
   constructor(on) {
     this.on = on;
-    this.stage = new Stage(by("stage"), { zoom: () => this.#zoomed() });
-    const lines = new Lines(
+    this.stage = new Stage(by("stage"), () => this.#zoomed());
+    this.bar = new Bar(by("bar"), this.stage, { ...on, fullScreen: () => this.fullScreen() });
+    this.lines = new Lines(
       this.stage,
-      () => {
-        this.controls.show(this.current);
-        this.refresh();
-      },
-      () => this.#draft(),
+      () => this.refresh(),
+      () => this.draft(),
     );
-    this.lines = lines;
-    const undo = () => this.undo();
-    this.controls = new Controls(by("panel"), lines, {
-      change: () => this.refresh(),
-      draft: () => this.#draft(),
-      tool: () => this.#using(),
-      undo,
-      lines: () => this.toggleLines(),
-      save: () => this.save(),
-      saveMotion: () => saveMotion(this.current, on.notice),
-      toAll: on.toAll,
-    });
-    this.clipControls = new ClipControls(by("clip-panel"), {
-      change: () => this.refresh(this.current.pictures.before ? "after" : "both"),
-      save: () => this.save(),
-      toAll: on.toAll,
-    });
+    this.controls = new Controls(by("panel"), this.lines, this);
+    this.clipControls = new ClipControls(by("clip-panel"), this);
+    const { hand, neighbours } = this.controls;
     this.advice = new Advice(by("advice"), {
-      moving: (way) => this.#change("moving", way),
-      anyway: () => this.#change("min-confidence", "0"),
-      neighbour: () => this.controls.neighbours.open(),
-      ratio: () => this.controls.neighbours.askRatio(),
-      byHand: () => this.controls.hand.open(),
-      done: () => this.controls.hand.stop(),
-      leaveNeighbours: () => this.controls.neighbours.clear(),
+      adviceWay: (way) => this.#change("moving", way),
+      adviceAnyway: () => this.#change("min-confidence", "0"),
+      adviceNeighbour: () => neighbours.open(),
+      adviceNeighbours: () => neighbours.open(),
+      adviceRatio: () => neighbours.askRatio(),
+      adviceLeaveNeighbours: () => neighbours.clear(),
+      adviceByHand: () => hand.open(),
+      toolDone: () => hand.stop(),
     });
     this.moments = new Moments(by("moments"), (number) => this.goTo(number));
-    this.player = new Player(by("player"), this.stage, { play: () => this.#film() });
+    this.player = new Player(by("player"), this.stage, () => this.#film());
     this.candidates = new Candidates(by("candidates"), (number) => this.take(number));
   }
 
-  get panel() {
-    return this.current.kind === "clip" ? this.clipControls : this.controls;
+  /** What is looked at, if it is a photo. */
+  get photo() {
+    return this.current?.kind === "photo" ? this.current : null;
   }
 
-  // Shows another photo or clip; null: none.
-  show(photo) {
-    this.current = photo;
-    if (!photo) return;
+  /** What is looked at, if it is a clip. */
+  get clip() {
+    return this.current?.kind === "clip" ? this.current : null;
+  }
+
+  get panel() {
+    return this.clip ? this.clipControls : this.controls;
+  }
+
+  /** Shows another photo or clip; null: none. @param {Item | null} item */
+  show(item) {
+    this.current = item;
+    if (!item) return;
     this.#shown = {};
     this.stage.clear();
     this.#linesShown = false;
     this.controls.hand.stop();
-    by("name").replaceChildren(...nameParts(photo.name));
-    by("name").title = photo.name;
+    this.bar.show(item.name);
     this.update();
     this.refresh("both");
   }
 
-  // What is known of the current photo goes to the screen.
-  update() {
-    const { facts, pictures, result, state, kind } = this.current;
-    for (const [which, alt] of [
-      ["before", words.beforeAlt],
-      ["after", words.afterAlt],
-    ]) {
-      const picture = pictures[which];
-      if (!picture || !facts || this.#shown[which] === picture.blob) continue;
-      this.#shown[which] = picture.blob;
-      this.stage.picture(which, picture.blob, facts, alt(this.current.name));
-      if (which === "before" && !pictures.after) this.stage.picture("after", picture.blob, facts, "");
-    }
-    this.stage.crop(result?.crop ?? null);
-    this.stage.single = kind === "clip" ? !pictures.after : !(result?.changed && ["done", "finding"].includes(state));
-    this.panel.show(this.current);
-    this.#advise();
-    this.moments.show(this.current);
-    this.player.show(this.current);
-    this.candidates.show(this.current);
-    const inPicture = ["failed", "asking"].includes(state) && !pictures.before; // the error is said where the picture would be
-    if (inPicture)
-      this.stage.say(
-        [words.sentence(this.current.error, this.current.name), state === "failed" ? words.failedHelp : ""].join(" "),
-      );
-    by("viewer").classList.toggle("bare", inPicture && state === "failed");
-    by("panel").hidden = kind !== "photo" || state === "failed";
-    by("clip-panel").hidden = kind !== "clip";
-    const failed = state === "failed" && !inPicture; // what is asked for is said in the panel
-    const quiet = ["done", "asking"].includes(state) || inPicture || (kind === "clip" && state === "finding"); // which its bar says
-    by("working").textContent = quiet ? "" : failed ? this.current.error : stateOf(this.current);
-    by("working").classList.toggle("wrong", failed);
+  #showPanel() {
+    if (this.photo) this.controls.show(this.photo);
+    else if (this.clip) this.clipControls.show(this.clip);
   }
 
-  // Asks for the current photo as its options are now; while an answer is on its way, only the last wish counts.
+  /** What is known of the current photo or clip goes to the screen. */
+  update() {
+    const item = this.current;
+    if (!item) return;
+    const { pictures, result, state, kind, error } = item;
+    this.#showPictures(item);
+    this.stage.crop(result?.crop ?? null);
+    const both = kind === "clip" ? pictures.after : result?.changed && ["done", "finding"].includes(state);
+    this.stage.single = !both;
+    this.#showPanel();
+    this.#advise();
+    this.moments.show(item);
+    this.player.show(item);
+    this.candidates.show(item);
+    const inPicture = WRONG.includes(state) && !pictures.before; // the error is said where the picture would be
+    const failed = state === "failed";
+    if (inPicture) this.stage.say([words.sentence(error, item.name), failed ? words.failedHelp : ""].join(" "));
+    by("viewer").classList.toggle("bare", inPicture && failed);
+    by("panel").hidden = kind !== "photo" || failed;
+    by("clip-panel").hidden = kind !== "clip";
+    const saidElsewhere = ["done", "asking"].includes(state) || inPicture || (kind === "clip" && state === "finding");
+    by("working").textContent = saidElsewhere ? "" : failed ? error : stateSaid(item);
+    by("working").classList.toggle("wrong", failed && !inPicture);
+  }
+
+  /** @param {Item} item */
+  #showPictures({ pictures, facts, name }) {
+    const alts = { before: words.beforeAlt(name), after: words.afterAlt(name) };
+    for (const which of /** @type {const} */ (["before", "after"])) {
+      const blob = pictures[which]?.blob;
+      if (!blob || !facts || this.#shown[which] === blob) continue;
+      this.#shown[which] = blob;
+      this.stage.picture(which, blob, facts, alts[which]);
+      if (which === "before" && !pictures.after) this.stage.picture("after", blob, facts, "");
+    }
+  }
+
+  /**
+   * Asks for the current photo as its options are now; while an answer is on its way, only the last wish counts.
+   * @param {"both" | "after"} [part]
+   */
   async refresh(part) {
-    const photo = this.current;
-    if (photo.kind === "photo") photo.remember();
-    this.panel.show(photo);
-    if (this.#asking === photo) {
+    const item = this.current;
+    if (!item) return;
+    this.photo?.remember();
+    this.#showPanel();
+    if (this.#asking === item) {
       this.#again = this.#again === "both" ? "both" : (part ?? "after");
       return;
     }
-    this.#asking = photo;
+    this.#asking = item;
     const size = this.#longest();
-    const whole = part === "both" || photo.pictures.before?.longest !== size;
+    const whole = part === "both" || item.pictures.before?.longest !== size;
     if (size === "full") by("working").textContent = words.drawing;
     const slow = setTimeout(() => {
-      if (photo === this.current && photo.kind === "photo") by("working").textContent ||= words.working;
+      if (item === this.photo) by("working").textContent ||= words.working;
     }, SLOW_MS);
-    await photo.show(size, false, whole ? "both" : "after");
+    await item.show(size, false, whole ? "both" : "after");
     clearTimeout(slow);
-    if (this.#asking === photo) this.#asking = null;
-    if (photo !== this.current) return;
+    if (this.#asking === item) this.#asking = null;
+    if (item !== this.current) return;
     if (this.#linesShown) this.#showLines();
     if (this.#again) {
       const next = this.#again;
@@ -152,57 +170,61 @@ export class View {
     }
   }
 
-  save() {
-    if (!this.panel.save.disabled) saveOne(this.current, this.on.notice);
+  toAll() {
+    this.on.toAll();
   }
 
-  // Another moment of a clip, from 0.
+  saveMotion() {
+    if (this.photo) saveMotion(this.photo, this.on.notice);
+  }
+
+  save() {
+    if (this.current && !this.panel.save.disabled) saveOne(this.current, this.on.notice);
+  }
+
+  /** Another moment of a clip, from 0. @param {number} number */
   goTo(number) {
-    if (number >= (this.current.facts?.moments_s.length ?? 0)) return;
-    this.current.goTo(number);
+    if (!this.clip || number >= (this.clip.facts?.moments_s.length ?? 0)) return;
+    this.clip.goTo(number);
     this.refresh("both");
   }
 
-  // Another motion of a photo, from 1.
+  /** Another motion of a photo, from 1. @param {number} number */
   take(number) {
-    if (!this.current.candidates[number - 1]) return;
-    this.current.take(number);
+    if (!this.photo?.candidates[number - 1]) return;
+    this.photo.take(number);
     this.refresh();
   }
 
-  // Takes back the last step by hand.
+  /** Takes back the last step by hand. */
   undo() {
-    if (this.current.kind === "clip" || !this.current.undoable) return;
-    this.current.undo();
+    if (!this.photo?.undoable) return;
+    this.photo.undo();
     this.refresh();
   }
 
-  // What a number on the keyboard picks, from 1.
+  /** What a number on the keyboard picks, from 1. @param {number} number */
   pick(number) {
-    if (this.current.kind === "clip") this.goTo(number - 1);
+    if (this.clip) this.goTo(number - 1);
     else this.candidates.pickShown(number - 1);
   }
 
-  // Plays a clip, or stops it.
+  /** Plays a clip, or stops it. */
   play() {
-    if (this.current.kind === "clip" && this.current.state === "done") this.player.button.click();
+    if (this.clip?.state === "done") this.player.button.click();
   }
 
   async #film() {
-    const clip = this.current;
+    const { clip } = this;
     try {
-      await clip.play();
+      await clip?.play();
     } catch (error) {
-      if (error.name !== "AbortError") this.on.notice(words.error(clip.name, error.message));
+      if (clip && !isAbort(error)) this.on.notice(words.error(clip.name, messageOf(error)));
     }
   }
 
-  original(on) {
-    this.stage.original = on;
-  }
-
   toggleLines() {
-    if (this.current.kind === "clip") return;
+    if (this.clip) return;
     this.#linesShown = !this.#linesShown;
     if (this.#linesShown) this.#showLines();
     else this.stage.segments(null);
@@ -221,9 +243,9 @@ export class View {
     return SIDES.find((side) => side >= longest) ?? (zoomed ? "full" : SIDES[SIDES.length - 1]);
   }
 
-  // Another zoom: once it rests, pictures of that size are asked for.
+  /** Another zoom: once it rests, pictures of that size are asked for. */
   #zoomed() {
-    by("zoom").options[0].textContent = percent(this.stage.scale);
+    this.bar.zoomed();
     clearTimeout(this.#resizing);
     this.#resizing = setTimeout(() => {
       const before = this.current?.pictures.before;
@@ -231,56 +253,55 @@ export class View {
     }, ZOOM_REST_MS);
   }
 
-  // What something that is being dragged does: quick pictures, one after the other, the last one as it rests.
-  async #draft() {
+  /** What something that is being dragged does: quick pictures, one after the other, the last one as it rests. */
+  async draft() {
+    const { photo } = this;
     this.#draftAgain = true;
-    if (this.#drafting) return;
+    if (this.#drafting || !photo) return;
     this.#drafting = true;
-    const photo = this.current;
-    while (this.#draftAgain && photo === this.current) {
+    while (this.#draftAgain && photo === this.photo) {
       this.#draftAgain = false;
       const after = photo.pictures.after;
-      try {
-        const blob = await photo.draft(SIDES[0]);
-        if (photo !== this.current || photo.pictures.after !== after) continue;
-        this.stage.single = false;
-        this.stage.picture("after", blob, photo.facts, words.afterAlt(photo.name));
-        this.#shown.after = null; // the whole answer is to take its place
-      } catch {
-        // the whole answer says what is wrong
-      }
+      const blob = await photo.draft(SIDES[0]).catch(() => null); // the whole answer says what is wrong
+      if (!blob || !photo.facts || photo !== this.photo || photo.pictures.after !== after) continue;
+      this.stage.single = false;
+      this.stage.picture("after", blob, photo.facts, words.afterAlt(photo.name));
+      this.#shown.after = null; // the whole answer is to take its place
     }
     this.#drafting = false;
   }
 
+  /** @param {string} name @param {string} value */
   #change(name, value) {
-    this.current.set(name, value);
+    this.current?.set(name, value);
     this.refresh();
   }
 
   #advise() {
-    this.advice.show(this.current, this.controls.hand.tool);
+    if (this.current) this.advice.show(this.current, this.controls.hand.tool);
   }
 
-  // A tool by hand is taken or put away: lines are drawn on the photo as it was taken, and snap to its segments.
-  async #using() {
-    const photo = this.current;
+  /** A tool by hand is taken or put away: lines are drawn on the photo as it was taken, and snap to its segments. */
+  async using() {
     this.#advise();
-    if (!photo || this.lines.kind === null) return;
-    try {
-      this.lines.segments = (await (await photo.ask("segments")).json()).before;
-    } catch {
-      this.lines.segments = []; // lines are drawn as well without
-    }
+    if (!this.photo || this.lines.kind === null) return;
+    const found = await this.#segments(this.photo).catch(() => null); // lines are drawn as well without
+    this.lines.segments = found?.before ?? [];
   }
 
   async #showLines() {
-    const photo = this.current;
+    const { photo } = this;
+    if (!photo) return;
     try {
-      const segments = await (await photo.ask("segments")).json();
-      if (photo === this.current && this.#linesShown) this.stage.segments(segments);
+      const segments = await this.#segments(photo);
+      if (photo === this.photo && this.#linesShown) this.stage.segments(segments);
     } catch (error) {
-      this.on.notice(words.error(photo.name, error.message));
+      this.on.notice(words.error(photo.name, messageOf(error)));
     }
+  }
+
+  /** @param {NonNullable<View["photo"]>} photo @returns {Promise<Segments>} */
+  async #segments(photo) {
+    return (await photo.ask("segments")).json();
   }
 }

@@ -1,102 +1,64 @@
-// Controls that the panels of photos and clips have in common.
+// Buttons, and other things that panels have in common. A button is declared where it is used, by its name, and has its
+// words in words.js: nowhere else.
+
+/** @import { Attributes, Part } from "./types.js" @import { Word } from "./words.js" */
 
 import { make } from "./nodes.js";
 import { words } from "./words.js";
 
-export const button = (word, clicked, kind = "", prefix = "do") =>
-  make("button", { type: "button", id: `${prefix}-${word}`, class: kind, onclick: clicked }, words[word]);
+/** @typedef {(event: MouseEvent) => unknown} Clicked */
 
-// A list to choose from: its label, and the element in it.
+/**
+ * A button, one of several that are made alike.
+ * @param {string} id @param {string} text @param {Clicked} clicked @param {Attributes} [more]
+ */
+export const press = (id, text, clicked, more = {}) =>
+  make("button", { type: "button", id, onclick: clicked, ...more }, text);
+
+/** A button: its name is its id and its word. @param {Word} name @param {Clicked} clicked @param {Attributes} [more] */
+export const button = (name, clicked, more) => press(name, words[name], clicked, more);
+
+/** A button with a sign on it: its word is its title. @param {Word} name @param {Part} sign @param {Clicked} clicked */
+export const signed = (name, sign, clicked) =>
+  make("button", { type: "button", id: name, title: words[name], "aria-label": words[name], onclick: clicked }, sign);
+
+/** @param {Part[]} parts */
+export const row = (...parts) => make("div.row", ...parts);
+/** @param {string} [text] */
+export const quiet = (text = "") => make("p.quiet", text);
+
+/** A section that can be opened. @param {Word} name @param {Attributes} more @param {Part[]} parts */
+export const section = (name, more, ...parts) => make("details.section", more, make("summary", words[name]), ...parts);
+
+/**
+ * A list to choose from: its label, and the element in it.
+ * @param {string} id @param {string} label @param {Record<string, string>} said
+ * @param {(value: string) => void} changed
+ */
 export function select(id, label, said, changed) {
   const choices = Object.entries(said).map(([value, text]) => make("option", { value }, text));
   const field = make("select", { id, onchange: () => changed(field.value) }, ...choices);
-  return { node: make("label", { class: "field", for: id }, label, field), field };
+  return { node: make("label.field", { for: id }, label, field), field };
 }
 
+/** @param {string} id @param {string} label @param {(on: boolean) => void} changed */
 export function check(id, label, changed) {
   const field = make("input", { type: "checkbox", id, onchange: () => changed(field.checked) });
-  return { node: make("label", { class: "check" }, field, label), field };
+  return { node: make("label.check", field, label), field };
 }
 
-// A number; changed only hears of those that can be.
+/**
+ * A number; changed only hears of those that can be.
+ * @param {string} id @param {Part} label @param {Attributes} limits @param {(value: string) => void} changed
+ */
 export function number(id, label, limits, changed) {
-  const field = make("input", {
-    type: "number",
-    id,
-    ...limits,
-    onchange: () => field.checkValidity() && changed(field.value),
-  });
-  return { node: make("label", { class: "field", for: id }, label, field), field };
+  const onchange = () => field.checkValidity() && changed(field.value);
+  const field = make("input", { type: "number", id, ...limits, onchange });
+  return { node: make("label.field", { for: id }, label, field), field };
 }
 
-// Words to type; of known ones, the browser offers those that contain what was typed.
-export function text(id, label, known, changed) {
-  const list = make("datalist", { id: `${id}-known` }, ...known.map((value) => make("option", { value })));
-  const field = make("input", {
-    type: known.length ? "search" : "text",
-    id,
-    list: known.length ? list.id : null,
-    autocomplete: "off",
-    onchange: () => changed(field.value.trim()),
-  });
-  return { node: make("label", { class: "field", for: id }, label, field, list), field };
-}
-
-// How much of the motion to undo, as the program describes it; changed hears the option's text, and whether the slider is being dragged.
-export function strength(id, { maximum, default: usual }, changed) {
-  const most = String(100 * maximum);
-  const field = make("input", { type: "range", id, min: "0", max: most, step: "5" });
-  const number = make("input", {
-    type: "number",
-    id: `${id}-number`,
-    min: "0",
-    max: most,
-    step: "1",
-    "aria-label": words.strengthNumber,
-  });
-  const say = (value, dragged) => changed(Number(value) === 100 * usual ? "" : String(value / 100), dragged);
-  field.addEventListener("input", () => {
-    number.value = field.value;
-    say(field.value, true);
-  });
-  field.addEventListener("change", () => say(field.value, false));
-  number.addEventListener("change", () => {
-    if (number.value === "" || !number.checkValidity()) return;
-    field.value = number.value;
-    say(number.value, false);
-  });
-  const show = (options) => {
-    const value = Math.round(100 * (options.strength ?? usual));
-    if (document.activeElement !== field) field.value = value;
-    if (document.activeElement !== number) number.value = value;
-  };
-  return {
-    nodes: [make("label", { class: "field", for: id, title: words.help.strength }, words.strength, number), field],
-    field,
-    show,
-  };
-}
-
-// The row at whose moment the picture is taken, as the program describes it.
-export function reference(name, { enum: values, default: said, description }, changed) {
-  const usual = said ?? values[0];
-  const radios = values.map((value) =>
-    make("input", { type: "radio", name, value, onchange: () => changed(value === usual ? "" : value) }),
-  );
-  const labels = radios.map((radio) => make("label", {}, radio, words.referenceOf[radio.value]));
-  const node = make(
-    "fieldset",
-    { title: description },
-    make("legend", {}, words.reference),
-    make("div", { class: "row" }, ...labels),
-  );
-  return {
-    node,
-    show: (options) => radios.forEach((radio) => (radio.checked = radio.value === (options.reference ?? usual))),
-  };
-}
-
+/** The keys of a panel. @param {string[][]} list */
 export function keys(list) {
-  const rows = list.flatMap(([key, what]) => [make("dt", {}, key), make("dd", {}, what)]);
-  return make("details", {}, make("summary", {}, words.keys), make("dl", {}, ...rows));
+  const rows = list.flatMap(([key, what]) => [make("dt", key), make("dd", what)]);
+  return make("details", make("summary", words.keys), make("dl", ...rows));
 }

@@ -1,15 +1,26 @@
-// All words of the page, in English. Another language is another file like this, and another reasons.js.
+// All words of the page, in English, but for those that the program sends: reasons, and the help of options. Another
+// language is another file like this, and another page/sentences.py. A button has its words under its own name.
 
-import { count, percent, pixels, reasons } from "./reasons.js";
+/** @typedef {{ [K in keyof typeof words]: (typeof words)[K] extends string ? K : never }[keyof typeof words]} Word */
+/** @typedef {string | string[][] | ((...figures: any[]) => string) | { [name: string]: Said }} Said */
 
-export { percent, reasons };
+/** Numbers as the page writes them, and reasons.py. @param {number} share */
+export const percent = (share) => `${share < 1 ? Math.min(Math.round(100 * share), 99) : Math.round(100 * share)} %`;
+/** @param {number} px */
+const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
+/** @param {number} n @param {string} one @param {string} [many] */
+const count = (n, one, many = `${one}s`) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
+/** @param {number} deg */
+const degrees = (deg) => `${Math.abs(deg).toFixed(1)}°`;
 
-const [POSSIBLE, LIKELY] = [0.1, 0.5]; // least probabilities of a motion that is called so
 export const LEAST_PX = 0.5; // less than this looks like no motion
-const spanOf = ([low, high]) => (low === high ? "" : ` (anything from ${low.toFixed(1)} to ${high.toFixed(1)} ms)`);
+const [POSSIBLE, LIKELY] = [0.1, 0.5]; // least probabilities of a motion that is called so
+const [cancel, reset] = ["Cancel", "Reset"];
 const downloads = "the downloads of your browser";
 const touch = matchMedia("(pointer: coarse)").matches;
+const waysOf = { left: " to the left", right: " to the right", up: " upwards", down: " downwards", yes: "" };
 
+/** @satisfies {Record<string, Said>} */
 export const words = {
   add: "Add photos or clips…",
   saveAll: "Save all (zip)",
@@ -20,12 +31,12 @@ export const words = {
       : `None of these ${total} has been straightened. What do you want to save?`,
   saveChanged: "Only straightened ones",
   saveUnchanged: "All, unchanged ones as they are",
-  cancel: "Cancel",
+  saveNone: cancel,
   emptyTitle: touch ? "Choose photos or clips" : "Drop photos or clips here",
   emptyWords:
     "Photos taken from a train, a car or a moving hand lean and bend, since a camera reads its picture row by " +
     "row. unshutter straightens them. A photo that gives no clear answer is left unchanged, and you can help by hand.",
-  choose: "Choose files…",
+  chooseFiles: "Choose files…",
   sample: "Try a sample photo",
   emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
   viewer: "Before and after",
@@ -66,65 +77,57 @@ export const words = {
   allDone: "Looked through",
   doneOf: (done, total) => `${done} of ${total} looked through`,
 
-  // states of a photo
-  waiting: "waiting",
-  loading: (share) => `loading ${percent(share)}`,
-  finding: "finding the motion…",
-  drawing: "drawing at full size…",
-  working: "working…",
-  failed: "cannot be used",
-  failedHelp: "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …).",
-  removeFailed: "Remove all that failed",
-  savedToo: (state) => `${state} · saved`,
-  changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
-  changedByHand: "straightened by hand",
-  sure: { sure: "sure", likely: "likely", unsure: "unsure" },
-  sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
-  unsureHelp:
-    "How far things really moved is uncertain. If “after” looks wrong, take another of the small pictures, or straighten the photo by hand.",
-  confidence: (sure) => `The result is closer to the truth than the photo with a probability of ${percent(sure)}`,
-  alone: "left unchanged",
-
-  clipState: {
+  // states of a photo or clip (states.js)
+  state: {
+    waiting: "waiting",
+    loading: (share) => `loading ${percent(share)}`,
     finding: "finding the motion…",
     opened: "not looked at yet",
     asking: "needs its readout time",
     done: "ready to save",
+    changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
+    alone: "left unchanged",
+    failed: "cannot be used",
   },
-  clipStateSaved: "saved",
+  changedByHand: "straightened by hand",
+  saved: "saved",
+  drawing: "drawing at full size…",
+  working: "working…",
+  failedHelp: "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …).",
+  removeFailed: "Remove all that failed",
+  sure: { sure: "sure", likely: "likely", unsure: "unsure" },
+  sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
+  unsureHelp:
+    "How far things really moved is uncertain. If “after” looks wrong, take another of the small pictures, or " +
+    "straighten the photo by hand.",
+  confidence: (sure) => `The result is closer to the truth than the photo with a probability of ${percent(sure)}`,
 
   // what was done
   done: "What was done",
   moved: (px) => `Straightened: some places moved by up to ${pixels(px)}.`,
   movedByHand: (px) => `Straightened by hand: some places moved by up to ${pixels(px)}.`,
-  // of a result with code and figures; a code of a later program keeps the program's sentence
-  why: ({ code, figures, reason, confidence }) => {
-    const line = reasons[code]?.(figures) ?? reason;
-    const bare = ["no-motion", "no-visible-motion", "too-small"].includes(code); // whose figures lack the confidence
-    return bare && confidence >= 0.5 ? `${line} (confidence ${percent(confidence)})` : line;
-  },
   leftAlone: (reason) => `Left unchanged: ${reason}.`,
   youLeftAlone: "Left unchanged, as you asked.",
   nothingChanged: "There is nothing to save: the photo is unchanged.",
   left: (s) => (s < 90 ? `about ${Math.max(Math.round(s / 5) * 5, 5)} s left` : `about ${Math.round(s / 60)} min left`),
-
   // a file's name at the start stays in small letters
-  sentence: (line, name) => `${name && line.startsWith(name) ? line[0] : line[0].toUpperCase()}${line.slice(1)}.`,
-
+  sentence: (line, name = "") => `${name && line.startsWith(name) ? line[0] : line[0].toUpperCase()}${line.slice(1)}.`,
   filmUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
 
-  // a photo that was left unchanged, and what may help
+  // a photo that was left unchanged, and what may help: buttons as the program advises them (page/sentences.py)
   declined:
-    "If something leans here, it may be perspective, or a camera held askew. If it is neither, say what you know, or straighten it by hand.",
-  tried: (way, anyway, more) =>
-    "Tried" +
-    (way
-      ? ` as if the camera moved${{ left: " to the left", right: " to the right", up: " upwards", down: " downwards", yes: "" }[way]}`
-      : "") +
-    `${anyway ? `${way ? "," : ""} at any confidence: still no motion was found.` : ": the photo still does not show it clearly."} ` +
-    (more
+    "If something leans here, it may be perspective, or a camera held askew. If it is neither, say what you know, " +
+    "or straighten it by hand.",
+  tried: (/** @type {keyof typeof waysOf | undefined} */ way, anyway, more) => {
+    const how = `${way ? ` as if the camera moved${waysOf[way]}` : ""}${way && anyway ? "," : ""}`;
+    const came = anyway
+      ? " at any confidence: still no motion was found."
+      : ": the photo still does not show it clearly.";
+    const next = more
       ? "If one of the small pictures looks right, take it; or straighten the photo by hand."
-      : "If something still leans, straighten it by hand."),
+      : "If something still leans, straighten it by hand.";
+    return `Tried${how}${came} ${next}`;
+  },
   adviceWay: "Which way did the camera move?",
   ways: { left: "← left", right: "right →", yes: "It moved somehow" },
   adviceAnyway: "Straighten it even if unsure",
@@ -140,26 +143,16 @@ export const words = {
 
   // what else the motion of a photo could be
   candidates: "What it could be",
-  candidate: ({ kind, direction }) =>
-    kind === "pan"
-      ? { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" }[direction]
-      : { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" }[kind],
+  candidate: { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" },
+  pan: { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" },
   candidateFigures: ({ largest_px: px, probability: share }, likeliest) => {
-    const chance =
-      share === null
-        ? ""
-        : share === likeliest
-          ? "likeliest"
-          : share < POSSIBLE
-            ? "less likely"
-            : share < LIKELY
-              ? "possible"
-              : "likely";
+    const possible = share < POSSIBLE ? "less likely" : share < LIKELY ? "possible" : "likely";
+    const chance = share === null ? "" : share === likeliest ? "likeliest" : possible;
     return [px < LEAST_PX ? "" : pixels(px), chance].filter(Boolean).join(" · ");
   },
   candidateHelp: ({ kind, probability: share }) => {
     const what = kind === "still" ? "the likeliest other does not help" : "this helps";
-    return "How far places would move" + (share === null ? "" : `. The chance that ${what} is ${percent(share)}`);
+    return `How far places would move${share === null ? "" : `. The chance that ${what} is ${percent(share)}`}`;
   },
 
   // by hand
@@ -194,28 +187,43 @@ export const words = {
   resetHandHelp: "Removes all lines and numbers set by hand",
   edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
   edgesKeep: (whole) =>
-    "Corners that the photo did not see stay empty" +
-    (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it. Choose under “Empty corners”.`),
-  edgesFill: (whole) =>
-    "Corners that the photo did not see are filled with a mirror image of the photo" +
-    (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it.`),
+    whole === null
+      ? "Corners that the photo did not see stay empty."
+      : `Corners that the photo did not see stay empty: cutting them off would leave ${percent(whole)} of it. ` +
+        "Choose under “Empty corners”.",
+  edgesFill: (whole) => {
+    const left = whole === null ? "" : `: cutting them off would leave ${percent(whole)} of it`;
+    return `Corners that the photo did not see are filled with a mirror image of the photo${left}.`;
+  },
   edgesBorrow: "Corners that the photo did not see are borrowed from its neighbours.",
   heldSo: (roll, tilt, from) => {
-    const parts = [];
-    if (roll !== null) parts.push(`turned ${Math.abs(roll).toFixed(1)}° ${roll < 0 ? "anticlockwise" : "clockwise"}`);
-    if (tilt !== null) parts.push(`tilted ${Math.abs(tilt).toFixed(1)}° ${tilt < 0 ? "down" : "up"}`);
-    return `The camera was held ${parts.join(" and ")} (${from === "given" ? "as you say" : from}).`;
+    const turned = roll === null ? "" : `turned ${degrees(roll)} ${roll < 0 ? "anticlockwise" : "clockwise"}`;
+    const tilted = tilt === null ? "" : `tilted ${degrees(tilt)} ${tilt < 0 ? "down" : "up"}`;
+    const how = [turned, tilted].filter(Boolean).join(" and ");
+    return `The camera was held ${how} (${from === "given" ? "as you say" : from}).`;
   },
-
-  // controls
-  settings: "Corrections",
-  strength: "Strength [%]",
-  strengthNumber: "Strength in per cent",
-  advanced: "Advanced",
+  turnedUpright: ({ roll_deg: roll, tilt_deg: tilt }) =>
+    tilt === null
+      ? `Levelled by ${degrees(roll)}.`
+      : `Made upright: turned by ${degrees(roll)}, tilted by ${degrees(tilt)}.`,
 
   // of options that the program describes: labels, choices and help where there are better words for the page
   usual: "as usual",
   option: {
+    strength: "Strength [%]",
+    upright: "Upright",
+    moving: "The camera was moving",
+    edges: "Empty corners",
+    format: "File format",
+    reference: "As it was when this row was read",
+    "roll-deg": "Turned clockwise [°]",
+    "tilt-deg": "Tilted up [°]",
+    "readout-ratio": "Readout ratio, 0 to 1",
+    model: "Near and far move",
+    fallback: "If its neighbours say nothing, use the photo alone",
+    camera: "Camera (type to search)",
+    start: "From [seconds]",
+    end: "To [seconds]",
     estimator: "Method",
     "focal-px": "Focal length [px]",
     "exposure-s": "Exposure time [s]",
@@ -239,10 +247,10 @@ export const words = {
     },
     upright: { "": "as it was taken", level: "level", full: "level, verticals parallel" },
     edges: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
+    "clip-edges": { fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
     format: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
     model: { "": "as the frames show", camera: "alike", dense: "differently" },
     subsampling: { "": "like the original" },
-    "clip-edges": { fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
   },
   help: {
     moving: "In a train, on a car, on a drone: motion is likely. The way it went decides between candidates.",
@@ -253,16 +261,12 @@ export const words = {
     format: "Of the file that is saved",
     "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
   },
-
-  upright: "Upright",
-  turnedUpright: ({ roll_deg: roll, tilt_deg: tilt }) =>
-    tilt === null
-      ? `Levelled by ${Math.abs(roll).toFixed(1)}°.`
-      : `Made upright: turned by ${Math.abs(roll).toFixed(1)}°, tilted by ${Math.abs(tilt).toFixed(1)}°.`,
-  edges: "Empty corners",
-  reference: "As it was when this row was read",
+  strengthNumber: "Strength in per cent",
   referenceOf: { first: "first", middle: "middle", last: "last" },
-  moving: "The camera was moving",
+
+  // other controls
+  settings: "Corrections",
+  advanced: "Advanced",
   anyway: "Straighten it even if unsure",
   leave: "Leave this photo alone",
   readout: "The sensor was read",
@@ -270,28 +274,22 @@ export const words = {
   readoutOf: { auto: "as usual", down: "downwards", up: "upwards", right: "to the right", left: "to the left" },
   attitude: "How the camera was held",
   attitudeHelp: "The surest way to tell a leaning building from a tilted camera.",
-  "roll-deg": "Turned clockwise [°]",
-  "tilt-deg": "Tilted up [°]",
   neighbours: "Taken just before or after",
   neighboursHelp: "Another photo of the same burst, or frame of the same clip, shows how the camera moved.",
   neighbourOf: { before: "Taken before…", after: "Taken after…" },
   neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
   neighbourForget: "Leave it out",
-  "readout-ratio": "Readout ratio, 0 to 1",
   ratioHelp:
     "Time to read out a frame / time from frame to frame. A few frames rarely show it. If you do not know it, open a " +
     "clip that this camera took at the same speed, by hand: it is found there.",
   another: "Take it at another moment",
   at: (frames) => {
-    const apart = Math.abs(frames);
+    const [apart, which] = [Math.abs(frames), frames < 0 ? "before" : "after"];
     if (apart === 0) return "when its first row was read";
-    if (apart === 1) return frames < 0 ? "at the frame before" : "at the frame after";
-    return `${percent(apart)} of the way to the frame ${frames < 0 ? "before" : "after"}`;
+    return apart === 1 ? `at the frame ${which}` : `${percent(apart)} of the way to the frame ${which}`;
   },
   atLabel: "Moment of the picture",
   more: "More",
-  model: "Near and far move",
-  fallback: "If its neighbours say nothing, use the photo alone",
   moment: (px) => `Straightened with the help of its neighbours: some places moved by up to ${pixels(px)}.`,
   curves: "Motion",
   curvesHelp: "How the scene moved while the rows were read, from the first row (top) to the last",
@@ -299,10 +297,9 @@ export const words = {
   curveRz: "turning [°]",
   saveOne: "Save this photo",
   saveMotion: "Save motion",
-  format: "File format",
   toAll: "Use these settings for all photos",
   toAllDone: "All photos have these settings now, except how the camera was held.",
-  reset: "Reset",
+  reset,
   keys: "Keys",
   keyList: [
     ["← →", "move the divider, if it is selected; lean, bend and turn by hand"],
@@ -328,6 +325,7 @@ export const words = {
   filming: "Making a short film of the seconds around this moment",
   searching: "Finding the readout time and the motion",
   progress: "Progress",
+  stopSearch: cancel,
   stopped: "the search for the readout time was cancelled",
   clipFirst: "This is a first look, with the readout time that is usual for such a camera.",
   saveClip: "Save this clip",
@@ -338,43 +336,46 @@ export const words = {
   clipOnlySaved: {
     stabilize: "“Play before and after” shows it; single moments do not.",
     model:
-      "Only in the saved clip do near and far move differently: the moments and the film here show the camera’s motion alone.",
+      "Only in the saved clip do near and far move differently: the moments and the film here show the camera’s " +
+      "motion alone.",
   },
   clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",
-  clipIs: (time, width, height, fps) =>
+  clipIs: (time, { width, height, fps }) =>
     `The clip: ${time} long, ${width} × ${height} px, ${Number(fps.toFixed(2))} frames a second.`,
   sayReadout: "If you know how long your camera takes to read out a frame, type it in below.",
   readoutTime: "Readout time",
   readoutTimeOf: { find: "find it", camera: "that of a camera", ms: "in milliseconds", ratio: "as a share" },
-  camera: "Camera (type to search)",
   readoutTimeHelp: "How long the camera takes to read out one frame. Two seconds of uneven motion show it.",
   readoutValueOf: { ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
-  readoutListed: ({ ms, plausible_ms: range, cameras }) =>
-    range === null
-      ? `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`
-      : `The clip does not show it, so ${ms.toFixed(1)} ms is used. That is usual for ${cameras}${spanOf(range)}; ` +
-        "if you know yours, choose it above.",
-  readoutInFile: (ms) => `${ms.toFixed(1)} ms, from the clip's file.`,
+  readoutListed: ({ ms, plausible_ms: range, cameras }) => {
+    if (range === null) return `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`;
+    const [low, high] = range;
+    const span = low === high ? "" : ` (anything from ${low.toFixed(1)} to ${high.toFixed(1)} ms)`;
+    const usual = `so ${ms.toFixed(1)} ms is used. That is usual for ${cameras}${span}`;
+    return `The clip does not show it, ${usual}; if you know yours, choose it above.`;
+  },
+  readoutInFile: ({ ms }) => `${ms.toFixed(1)} ms, from the clip's file.`,
   readoutEstimated: ({ ms, ms_sd: sd, ratio }) =>
     `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms, a readout ratio of ${ratio.toFixed(2)}.`,
   partOf: "Only a part",
-  start: "From [seconds]",
-  end: "To [seconds]",
   clipToAll: "Use these settings for all clips",
   clipToAllDone: "All clips have these settings now.",
-  making: ({ name, what, done, total }) => {
-    const doing = {
-      looking: "looking at all frames first",
-      "readout time": "finding the readout time",
-      gyro: "reading the gyro log",
-    }[what];
-    if (what === "waiting") return `${name}: waiting…`;
-    if (!doing && !done) return `${name}: starting…`;
-    return doing ? `${name}: ${doing}…` : `${name}: frame ${done} of ${total}`;
+  clipReset: reset,
+  makingOf: {
+    looking: "looking at all frames first",
+    "readout time": "finding the readout time",
+    gyro: "reading the gyro log",
   },
-  clipSaved: ({ name, frames, rectified, left_out: lost }) =>
-    `${name}: saved to ${downloads}, ${rectified} of ${count(frames, "frame", "frames")} straightened` +
-    `${rectified < frames ? ", the others left unchanged" : ""}.${lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : ""}`,
+  making: ({ what, done, total }, doing) => {
+    if (what === "waiting") return "waiting…";
+    if (doing) return `${doing}…`;
+    return done ? `frame ${done} of ${total}` : "starting…";
+  },
+  clipSaved: ({ name, frames, rectified, left_out: lost }) => {
+    const others = rectified < frames ? ", the others left unchanged" : "";
+    const without = lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : "";
+    return `${name}: saved to ${downloads}, ${rectified} of ${count(frames, "frame")} straightened${others}.${without}`;
+  },
   clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [
     ["← →", "move the divider, if it is selected"],
@@ -388,11 +389,10 @@ export const words = {
 
   // saving
   savedOne: (name) => `${name}: saved to ${downloads}.`,
-  saving: (done, total) => `Saving: ${done} of ${count(total, "file", "files")}`,
+  saving: (done, total) => `Saving: ${done} of ${count(total, "file")}`,
+  stopSaving: cancel,
   fetching: "Fetching the file…",
-  saved: (n, failed) =>
-    `${count(n, "file", "files")} saved to ${downloads}` +
-    (failed.length ? `; not saved: ${failed.map((each) => `${each.name} (${each.error})`).join(", ")}` : "."),
+  savedMany: (n, failed) => `${count(n, "file")} saved to ${downloads}${failed ? `; not saved: ${failed}` : "."}`,
   cancelled: "Cancelled.",
   nothingToSave: "There is nothing to save yet.",
   noneChanged: "Nothing was saved: none of them was straightened.",

@@ -1,0 +1,6 @@
+// The module that the program makes of its options (page/settings.py).
+import type { Schema } from "./types.js";
+
+export const photo: Record<string, Schema>;
+export const clip: Record<string, Schema>;
+export const films: string[]; // the endings of their names

@@ -1,0 +1,184 @@
+// The shapes of what the program sends (page/app.py and its jobs), and of what the page's modules hand each other. For
+// the type checker alone (make script): nothing here is sent to the browser.
+
+import type { Clip } from "./clip.js";
+import type { Photo } from "./photo.js";
+
+// ---- what the program sends ----
+
+export type Readout = "top-to-bottom" | "bottom-to-top" | "left-to-right" | "right-to-left";
+export type Arrow = "down" | "up" | "right" | "left";
+export type Box = [left: number, top: number, right: number, bottom: number]; // shares of width and height
+export type Segment = [x1: number, y1: number, x2: number, y2: number];
+export type Segments = { before: Segment[]; after?: Segment[] };
+export type Certainty = "sure" | "likely" | "unsure";
+export type Edges = "auto" | "keep" | "crop" | "fill" | "borrow";
+export type Advised =
+  | "adviceWay"
+  | "adviceAnyway"
+  | "adviceNeighbour"
+  | "adviceByHand"
+  | "adviceRatio"
+  | "adviceNeighbours"
+  | "adviceLeaveNeighbours";
+
+export interface Reason {
+  code: string;
+  sentence: string;
+}
+
+export interface Refusal {
+  error: string;
+  said?: string[]; // the same taken apart: text and names of options in turn
+  sentence?: string; // in the page's words, where there is a reason
+  advice?: Advised[];
+}
+
+export interface About {
+  max_bytes: number;
+  max_clip_bytes: number;
+  clips: boolean;
+  install_clips: string;
+}
+
+export interface PhotoFacts {
+  width: number;
+  height: number;
+  arrows: Record<Readout, Arrow>;
+}
+
+export interface ClipFacts {
+  width: number;
+  height: number;
+  duration_s: number;
+  fps: number;
+  moments_s: number[];
+}
+
+export interface PhotoResult {
+  changed: boolean;
+  largest_px: number;
+  confidence: number | null;
+  certainty: Certainty | null;
+  upright?: { roll_deg: number; tilt_deg: number | null };
+  reason?: string; // in the page's words, where its motion is not undone
+  code?: string;
+  advice?: Advised[];
+  edges: Edges | null;
+  whole: number | null;
+  crop: Box | null;
+  neighbours?: true;
+  shape: Shape | null;
+  readout: Readout;
+  lines?: (LineTrouble | null)[];
+  attitude?: { roll_deg: number | null; tilt_deg: number | null; from: string };
+  film?: Reason | null;
+  tx_px?: number[];
+  rz_deg?: number[];
+}
+
+export type Shape = { lean_deg: number; bend_percent: number; turn_deg: number };
+export type LineTrouble = "sideways" | "contradicts";
+
+export interface Candidate {
+  kind: "still" | "pan" | "hand" | "quadratic" | "other";
+  direction: "left" | "right" | "up" | "down" | null;
+  largest_px: number;
+  probability: number | null;
+  taken: boolean;
+  blob?: Blob; // its small picture, once that is there
+  crop?: Box | null;
+}
+
+export interface ClipResult {
+  changed: boolean;
+  largest_px: number;
+  edges: Edges;
+  reason: string;
+  crop?: null;
+}
+
+export interface ReadoutTime {
+  ratio: number;
+  ms: number;
+  ms_sd: number;
+  found_by: string;
+  cameras: string;
+  plausible_ms: [number, number] | null;
+}
+
+export type Progress = { what: string; done: number; total: number };
+
+export interface Saving {
+  id: string;
+  to: "file" | "zip";
+  state: "working" | "finished" | "cancelled" | "failed";
+  total: number;
+  now: ({ name: string } & Partial<Progress> & { what: string }) | null;
+  done: Saved[];
+  error?: string;
+}
+
+export interface Saved extends Partial<Refusal> {
+  name: string;
+  result?: string;
+  frames?: number;
+  rectified?: number;
+  left_out?: string[];
+  declined?: string[];
+}
+
+export interface Schema {
+  type: "boolean" | "integer" | "number" | "string";
+  description: string;
+  group: string;
+  enum?: string[];
+  examples: string[];
+  default?: string | number | boolean;
+  minimum?: number;
+  maximum?: number;
+}
+
+// ---- what modules hand each other ----
+
+export type Kind = "photo" | "clip";
+export type Item = Photo | Clip;
+export type Point = [x: number, y: number];
+export type Which = "before" | "after";
+export type Options = Record<string, string>; // name of the field -> text, as on the command line
+export type Picture = { blob: Blob; longest: Longest };
+export type Longest = number | "full";
+export type LineKind = "upright" | "level" | "straight";
+export type Line = { kind: LineKind; points: Point[] };
+export type Pull = "lean" | "bend" | "turn";
+export type Tool = Pull | LineKind;
+export type Doing = { share: number; left: string };
+export type Notice = (line: string) => void;
+
+/** A control: what goes on the page, what has the value, and what brings it up to date. */
+export interface Control {
+  node: HTMLElement;
+  field: HTMLInputElement | HTMLSelectElement;
+  show(options: Options): void;
+}
+
+/** What a button of a row of pictures shows. */
+export interface Choice {
+  lines: string[];
+  label?: string;
+  title?: string;
+  pressed: boolean;
+  blob?: Blob;
+  crop?: Box | null;
+  chance?: number | null;
+  coming?: boolean;
+}
+
+export type Attributes = Record<string, unknown>;
+export type Part = Node | string | null | false | undefined | Attributes;
+type Tag = keyof HTMLElementTagNameMap;
+export type Made<S extends string> = S extends Tag
+  ? HTMLElementTagNameMap[S]
+  : S extends `${infer T extends Tag}.${string}`
+    ? HTMLElementTagNameMap[T]
+    : never;
