@@ -12,7 +12,7 @@ from unshutter.cli import main
 from unshutter.cli.clip_command import _line_of
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras, readout
+from unshutter.video import camera, cameras
 from unshutter.video.cameras import CameraMode
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
@@ -152,7 +152,7 @@ def test_people_who_walk_by_are_not_straightened_and_do_not_count(tmp_path, run)
 def test_a_mode_of_the_table_needs_no_search(tmp_path, run, monkeypatch):
     one = CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0)
     monkeypatch.setattr(cameras, "table", lambda: (one,))
-    monkeypatch.delattr(readout, "find_ratio")
+    monkeypatch.delattr(camera, "ratio_in_survey")
     clip = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1", tags={"make": "Nemo", "model": "One"})
     record, shown, _ = run(clip)
     assert record["readout_ms"] == pytest.approx(20) and "plausible_ms" not in record

@@ -196,18 +196,17 @@ _CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 class GreyFrame:
     """A frame as used for estimating motion.
 
-    It holds the full size, a small grey copy, and the time since the previous frame: ``after`` is in usual frame
-    intervals, and so is ``at``, the time since the shot began. ``time_s`` is its time on the clip's clock [s], if there
-    is one, and ``tracks`` are those from the previous frame.
+    It holds the full size, a small grey copy, and the time since the previous frame.
     """
 
     height: int
     width: int
-    grey: UInt8[np.ndarray, "rows columns"]
-    after: float = 1.0
-    at: float = 0.0
-    time_s: float = 0.0
-    tracks: Tracks | None = None
+    grey: UInt8[np.ndarray, "rows columns"]  # empty if corners were tracked before
+    after: float = 1.0  # time since the previous frame [usual frame intervals]
+    at: float = 0.0  # time since the shot began [usual frame intervals]
+    time_s: float = 0.0  # time on the clip's clock [s], if there is one
+    followed: Tracks | None = None  # all tracks from the previous frame, if corners were tracked before
+    tracks: Tracks | None = None  # those that move with the camera, or all if none do
 
 
 @dataclass(eq=False)
@@ -253,7 +252,7 @@ class Shot:
         if (frame.height, frame.width) != (self._last.height, self._last.width):
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
-        tracks = follow(self._last.grey, frame.grey, lens)
+        tracks = frame.followed or follow(self._last.grey, frame.grey, lens)
         self._next = background(tracks, ratio.value if ratio else None)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:

@@ -23,9 +23,8 @@ from unshutter.options.fields import check_time, for_python, from_keywords
 from unshutter.photo.photo import check_size
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.decode import COPY_SIDE
 from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
-from unshutter.video.frame_warper import FEWEST, small_motion, window_for
+from unshutter.video.frame_warper import COPY_SIDE, FEWEST, small_motion, window_for
 from unshutter.video.lenses import lens_in_greys
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.pixels import small_grey
