@@ -17,7 +17,7 @@ from unshutter.video.clip import ClipRequest, look
 from unshutter.video.gain import Gain, gain_of_clip
 from unshutter.video.survey import survey
 
-FRAMES, LONG = 24, 110
+FRAMES, LONG = 24, 140
 
 
 def gentle():

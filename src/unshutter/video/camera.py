@@ -158,6 +158,8 @@ def parts_to_survey(
             return [(start, start + (clip_gyro.PART - 0.5) * interval_s) for start in starts_s], GYRO
         return [(request.options.start, request.options.end)], GYRO
     if stated is None and gain.is_tested(request.options):
+        if _frames_in(request, [request.span]) <= gain.ALL:
+            return [(request.options.start, request.options.end)], GAIN
         return _spread(request, [lenses.FIRST, *[gain.RUN] * (gain.RUNS - 1)]), GAIN
     if found is None and shutter.lens is None and shutter.focal_px is None:
         return _spread(request, [lenses.FIRST, *[lenses.PART] * lenses.FURTHER]), LENS

@@ -29,6 +29,7 @@ from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
 
 _KEPT_OUT = 4  # every fourth track
 RUNS, RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
+ALL = 2 * RUNS * RUN  # frames: of a clip that has no more, all are examined
 _FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
@@ -128,10 +129,9 @@ def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | Non
     """Finds what undoing the motion of a clip gains: from some 60 pairs of its tracked frames or, if these are all
     frames and it is to be left, from all.
     """
-    runs = evidence.runs(RUNS, RUN)
-    if evidence.is_whole and len(evidence.parts[0]) <= 1.5 * RUNS * RUN:
+    if evidence.is_whole and len(evidence.parts[0]) <= ALL:
         return _examined(request, time, turns, evidence.parts)
-    gain = _examined(request, time, turns, runs)
+    gain = _examined(request, time, turns, evidence.runs(RUNS, RUN))
     if gain.declined(SURE_OF_FEW) is None or not evidence.is_whole:
         return gain
     return _examined(request, time, turns, evidence.parts)
