@@ -85,7 +85,7 @@ options = RectifyClip(
 )
 clip = look(source)
 request = ClipRequest.of(clip, options)
-pipeline = Pipeline(request, ReadoutTime(ratio, 0.0, "given"))
+pipeline = Pipeline(request, ReadoutTime(ratio * clip.interval_s))
 
 def count(items):
     with closing(items) as items:

@@ -103,7 +103,7 @@ def test_a_strength_other_than_asked_of_the_clip_is_obeyed(run, strength):
 
 @pytest.mark.parametrize(("kind", "examined"), [("distorted", 4 * 16), ("global shutter", LONG)])
 def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path, kind, examined):
-    camera, greys = clips.moving(LONG)
+    camera, greys = clips.moving(LONG, clips.shaken(6.0))
     greys = greys if kind == "distorted" else clips.truth(camera)
     clip = look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)))

@@ -27,7 +27,7 @@ from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, Reason
 
 _PART = 20  # pairs of frames per part
@@ -49,7 +49,7 @@ _FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
 _FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
 
-def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutTime:
+def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutRatio:
     """Estimates the readout ratio of a sequence from how smoothly its camera moved.
 
     Args:
@@ -80,7 +80,7 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
-    return ReadoutTime(min(max(best, 0.0), 1.0), error, "motion")
+    return ReadoutRatio(min(max(best, 0.0), 1.0), error, ReadoutSource.FRAMES)
 
 
 def _cause(pairs: Sequence[Tracks], code: Code) -> Reason:
@@ -244,7 +244,7 @@ class Shot:
         """Whether something moved in front of the camera."""
         return sum(self._passing) > _CHANCE
 
-    def joins(self, frame: GreyFrame, ratio: ReadoutTime | None, lens: Lens | None = None) -> bool:
+    def joins(self, frame: GreyFrame, ratio: ReadoutRatio | None, lens: Lens | None = None) -> bool:
         """Whether a frame, taken through this lens, shows the same scene as the previous one."""
         self._next = None
         if self._last is None:

@@ -76,7 +76,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
     with _look(open_file) as clip:
         time = _camera_of(open_file, clip, options, progress_of(open_file)).readout
         return {
-            "ratio": time.value,
+            "ratio": time.ratio(clip.interval_s).value,
             "ms": time.ms,
             "ms_sd": time.error_ms,
             "found_by": time.source,

@@ -24,7 +24,7 @@ from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import ClipGyro, gyro_in_survey
 from unshutter.video.gyro_log import GyroLog
 from unshutter.video.lenses import lens_of_clip
-from unshutter.video.readout import ratio_in_survey
+from unshutter.video.readout import time_in_survey
 from unshutter.video.survey import Survey, survey
 
 _Parts = Sequence[tuple[float | None, float | None]]
@@ -34,7 +34,7 @@ _Parts = Sequence[tuple[float | None, float | None]]
 class Camera:
     """What is known of a clip's camera."""
 
-    readout: ReadoutTime  # in frame intervals
+    readout: ReadoutTime
     lens: Lens | None = None  # its lens, if it bends straight lines
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
 
@@ -91,9 +91,8 @@ def camera_from(
     time = stated or (found and found.readout) or (gyro and gyro.readout_time)
     if time is None:
         time = _time_of(request, evidence, gyro, steps)
-    time = time.in_frames(interval_s)
     if gyro is not None and gyro.turns is not None:  # the time of the middle row does not change
-        alignment = replace(gyro.turns.alignment, ratio=time.value)
+        alignment = replace(gyro.turns.alignment, ratio=time.ratio(interval_s).value)
         gyro = replace(gyro, turns=replace(gyro.turns, alignment=alignment))
     return Camera(time, lens, gyro)
 
@@ -108,10 +107,10 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, step
     if stabilised is None and (gyro is None or gyro.turns is None) and clip.camera.is_stabilised:
         stabilised = Reason(Code.STABILISED_IN_CAMERA)
     listed = _listed_time(request) if stabilised is None else None
-    if listed is not None and listed.plausible is None:
+    if listed is not None and listed.plausible_s is None:
         return listed
     try:
-        return ratio_in_survey(request, evidence, steps)
+        return time_in_survey(request, evidence, steps)
     except UnknownRatioError as error:
         return replace(listed or usual_time(request), instead_of=error.reason, declined=stabilised)
 
@@ -131,8 +130,7 @@ def usual_time(request: ClipRequest) -> ReadoutTime:
 def time_without_search(request: ClipRequest) -> ReadoutTime:
     """Returns the readout time that the user states, or that is listed or usual for the camera."""
     interval_s = request.clip.interval_s
-    time = request.options.shutter.readout_time(interval_s) or _listed_time(request) or usual_time(request)
-    return time.in_frames(interval_s)
+    return request.options.shutter.readout_time(interval_s) or _listed_time(request) or usual_time(request)
 
 
 # ---- the parts of a clip that tell it ----------------------------------------------------------------------------
@@ -150,7 +148,7 @@ def parts_to_survey(
     stated = shutter.readout_time(interval_s)
     if stated is None and found is None:
         listed = None if request.clip.camera.is_stabilised else _listed_time(request)
-        if listed is None or listed.plausible is not None:
+        if listed is None or listed.plausible_s is not None:
             return _spread(request, [readout.PART + 1] * readout.MOST_PARTS), SEARCH
     if isinstance(log, GyroLog):
         starts_s = clip_gyro.lively_parts(request, log)

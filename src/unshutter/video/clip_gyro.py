@@ -18,7 +18,7 @@ from unshutter.errors import UsageError
 from unshutter.frames.camera import ROWS, track_jacobian
 from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.gpmf import DamagedLogError
@@ -60,7 +60,8 @@ class ClipGyro:
         if not self.synchronisation.shows_ratio:
             return None
         alignment, error = self.synchronisation.alignment, self.synchronisation.adjusted.ratio_error
-        return ReadoutTime(float(np.clip(alignment.ratio, 0, 1)), error, "gyro")
+        ratio = ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, ReadoutSource.GYRO)
+        return ratio.seconds(alignment.interval_s)
 
     def as_json(self) -> dict[str, Any]:
         """Returns the record for a log of runs."""
@@ -104,7 +105,7 @@ def gyro_in_survey(request: ClipRequest, evidence: Survey, log: GyroLog, known: 
         return ClipGyro(log.origin, None, None, Reason(Code.GYRO_TOO_SHORT))
     stated = log.readout_time if known is None else None
     known = known or stated
-    ratio = known and known.in_frames(clip.interval_s).value
+    ratio = known and known.ratio(clip.interval_s).value
     pairs = list(_pairs(evidence))
     if len(pairs) < _FEWEST:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
@@ -271,15 +272,24 @@ def synchronised(
     at = float(np.mean([pair.begin_s for pair in pairs]))
     begun = _GUESSED_RATIO if ratio is None else ratio
     starts = [
-        Alignment(axes, offset_s, 0.0, at, np.zeros(3), focal_px or coarse_px, begun, interval_s)
+        Alignment(
+            axes=axes,
+            offset_s=offset_s,
+            drift=0.0,
+            at_s=at,
+            bias=np.zeros(3),
+            focal_px=focal_px or coarse_px,
+            ratio=begun,
+            interval_s=interval_s,
+        )
         for axes, offset_s, coarse_px in _coarse(log, pairs, offsets_s, lag, usual)
     ]
     ends = min(pair.begin_s for pair in pairs) - _MARGIN_S, max(pair.end_s for pair in pairs) + _MARGIN_S
-    known = usual, focal_px is not None, ratio is not None
     solved = []
     for start in starts:
         part = log.between(start.offset_s + ends[0], start.offset_s + ends[1])
-        solved.append((Adjustment(part, pairs, *known).solve(start), part))
+        adjustment = Adjustment(part, pairs, usual, focal_known=focal_px is not None, ratio_known=ratio is not None)
+        solved.append((adjustment.solve(start), part))
     (adjusted, part), *rivals = solved
     for rival, beside in rivals:
         adjusted, part = (rival, beside) if rival.noise_px < _BETTER * adjusted.noise_px else (adjusted, part)

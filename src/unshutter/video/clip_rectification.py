@@ -25,9 +25,9 @@ from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.warp import thread_count
-from unshutter.options.clip_options import GIVEN, RectifyClip
+from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import Watch
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
-ReadoutCallback: TypeAlias = Callable[[ReadoutTime, float], None]  # receives the ratio and the frame interval [s]
+ReadoutCallback: TypeAlias = Callable[[ReadoutTime, float], None]  # receives the time and the frame interval [s]
 
 
 @no_opencv_threads()  # the pipeline has its own
@@ -80,7 +80,7 @@ def rectify_clip_file(
     Args:
         found: what is known of the camera from an earlier look; its readout time is ignored if the options state it.
         watch: called for every frame.
-        on_readout: called once the readout ratio is found, which may be long before the clip is done.
+        on_readout: called once the readout time is found, which may be long before the clip is done.
         on_rate: called early if the new film will be much larger or smaller than the clip (see ``FilmWriter``).
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
@@ -88,7 +88,7 @@ def rectify_clip_file(
     _check_clip(clip, options)
     film = _Output.of(clip, options, target)
     pipeline = _pipeline(ClipRequest.of(clip, options, watch), found, on_readout)
-    result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
+    result = ClipOutcome(source, output, pipeline.time, clip.interval_s, options.undo.model)
     result.after_killed_run, result.gyro, result.lens = after_killed_run, pipeline.gyro, pipeline.request.lens
     height, width = pipeline.request.frame_size
     if result.lens is not None:
@@ -173,8 +173,8 @@ def _pipeline(request: ClipRequest, found: Camera | None, on_readout: ReadoutCal
                 f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "
                 f"{clip.width}x{clip.height}: it belongs to another clip"
             )
-        ratio = ReadoutTime(motion.ratio, 0.0, "motion file", unit_s=clip.interval_s)
-        return Pipeline(replace(request, readout=motion.readout, lens=motion.lens), ratio, motion)
+        time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
+        return Pipeline(replace(request, readout=motion.readout, lens=motion.lens), time, motion)
     camera, evidence = find_camera(request, found)
     request = replace(request, lens=camera.lens)
     pipeline = Pipeline(request, camera.readout, gyro=camera.gyro)
@@ -182,7 +182,7 @@ def _pipeline(request: ClipRequest, found: Camera | None, on_readout: ReadoutCal
     if reason is not None and reason != camera.readout.declined and not evidence.is_whole:  # now all frames are asked
         evidence = survey(request, [(options.start, options.end)], request.steps("looking")).through(camera.lens)
         reason = _reason_to_leave(request, camera, evidence)
-    searched = found is None and camera.readout.source != GIVEN
+    searched = found is None and camera.readout.source is not ReadoutSource.GIVEN
     is_used = camera.readout.declined is None and (reason is None or reason.code is not Code.NOTHING_TO_SEE)
     if searched and is_used and on_readout is not None:
         on_readout(camera.readout, clip.interval_s)
@@ -194,11 +194,11 @@ def _reason_to_leave(request: ClipRequest, camera: Camera, evidence: Survey) -> 
     time, options = camera.readout, request.options
     if time.declined is not None:
         return time.declined
-    if time.plausible is not None and options.steadiness.stabilize is None:
-        visibility = too_little_to_see(request, evidence, time.plausible[1])
+    if time.plausible_s is not None and options.steadiness.stabilize is None:
+        visibility = too_little_to_see(request, evidence, time.longest_s)
         if visibility is not None:
             return Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
-    if time.source == GIVEN or not is_tested(options):
+    if time.source is ReadoutSource.GIVEN or not is_tested(options):
         return None
     return gain_of_clip(request, time, camera.gyro and camera.gyro.turns, evidence).declined()
 
@@ -252,7 +252,7 @@ class Pipeline:
     """The processing steps of a clip's frames."""
 
     request: ClipRequest
-    ratio: ReadoutTime  # readout time in frame intervals
+    time: ReadoutTime
     file_motion: ClipMotion | None = None  # motion from a file; None to estimate it from the frames
     unmoved: Reason | None = None  # why no frame is changed; None if frames are rectified
     frames: int | None = None  # number of frames, if all were examined to find that none is to be changed
@@ -270,7 +270,7 @@ class Pipeline:
         if self.stabilisation is not None or self.unmoved is not None or self.file_motion is not None:
             return self._with_known_motion(decoded)
         whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
-        moving = with_motion(self.request, decoded, self.ratio, self.gyro and self.gyro.turns, whole_path)
+        moving = with_motion(self.request, decoded, self.time, self.gyro and self.gyro.turns, whole_path)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
     def _straightened(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
@@ -297,7 +297,7 @@ class Pipeline:
         request, undo = self.request, self.request.options.undo
         moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
         if undo.model == "dense" and undo.strength and self.unmoved is None:
-            moving = ahead(linked(request, moving, self.ratio.value), _LINKED_AHEAD)
+            moving = ahead(linked(request, moving, self.time.ratio(request.clip.interval_s).value), _LINKED_AHEAD)
         return side_by_side(warper, moving, thread_count())
 
 
@@ -359,7 +359,7 @@ def _write_film(
         if options.save_motion is not None:
             motion_part = stack.enter_context(written_whole(options.save_motion, options.overwrite))
             stream = stack.enter_context(motion_part.open("w", encoding="utf-8"))
-            motions = MotionWriter(stream, pipeline.request, pipeline.ratio)
+            motions = MotionWriter(stream, pipeline.request, pipeline.time)
         source, frames_file = stack.enter_context(clip.opened()), None
         if film.into_copy or holds_covers(film.kind, clip):
             frames_file = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))

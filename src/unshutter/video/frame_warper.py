@@ -81,8 +81,17 @@ def camera_motion(
     focal_px = focal_px or (request.focal and request.focal * request.frame_size[0])
     if focal_px is None and turns is not None:
         focal_px = turns.focal_px(request.frame_size[0])
-    more = {"window": window_for(request.clip.frame_bytes), "fewest": FEWEST, "turns": turns, "lens": request.lens}
-    return CameraMotion(time, focal_px, request.readout, whole_path=whole_path, keep_out=keep_out, **more)
+    return CameraMotion(
+        ratio=time.ratio(request.clip.interval_s),
+        focal_px=focal_px,
+        readout=request.readout,
+        window=window_for(request.clip.frame_bytes),
+        fewest=FEWEST,
+        turns=turns,
+        whole_path=whole_path,
+        keep_out=keep_out,
+        lens=request.lens,
+    )
 
 
 def grey_copies(request: ClipRequest, frames: Iterable[VideoFrame]) -> Iterator[GreyFrame | None]:

@@ -374,15 +374,15 @@ def table() -> tuple[LensProfile, ...]:
     """Returns all known lenses, sorted by brand, model, lens and mode."""
     return tuple(
         LensProfile(
-            line["brand"],
-            line["model"],
-            line["lens"],
-            int(line["width"]),
-            int(line["height"]),
-            float(line["focal"]),
-            (float(line["axis_x"]), float(line["axis_y"])),
-            tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
-            int(line["profiles"]),
+            brand=line["brand"],
+            model=line["model"],
+            lens=line["lens"],
+            width=int(line["width"]),
+            height=int(line["height"]),
+            focal=float(line["focal"]),
+            axis=(float(line["axis_x"]), float(line["axis_y"])),
+            k=tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
+            profiles=int(line["profiles"]),
         )
         for line in cameras.lines_of("lenses.csv")
     )

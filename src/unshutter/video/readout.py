@@ -16,7 +16,7 @@ from unshutter.frames.self_calibration import focal_from_motion, ratio_from_moti
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.progress import Steps
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.survey import Survey, TrackedFrame
@@ -31,13 +31,13 @@ _LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more
 _ROUNDING_PX = 0.05
 
 
-def ratio_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None = None) -> ReadoutTime:
+def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None = None) -> ReadoutTime:
     """Estimates the readout time of a clip's camera from tracked frames; raises UnknownRatioError if they do not tell.
 
     Args:
         steps: counts the frames of each part as its time is estimated.
     """
-    ratios: list[ReadoutTime] = []
+    ratios: list[ReadoutRatio] = []
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
     for part in _parts(evidence):
         run = _longest_run(part)
@@ -52,10 +52,10 @@ def ratio_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None 
             steps.advance(min(len(part), PART))
     if not ratios:
         raise unknown.of_clip()
-    return agreed(ratios)
+    return agreed(ratios).seconds(request.clip.interval_s)
 
 
-def agreed(parts: list[ReadoutTime]) -> ReadoutTime:
+def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
     """Returns the ratio on which the parts of a clip agree."""
     values, errors = np.array([part.value for part in parts]), np.array([part.error for part in parts])
     weights = 1 / errors**2
@@ -68,7 +68,7 @@ def agreed(parts: list[ReadoutTime]) -> ReadoutTime:
     value = float(np.average(values[near], weights=weights[near]))
     spread = ((values[near] - value) ** 2 * weights[near]).sum() / max(near.sum() - 1, 1)
     error = float(np.sqrt(max(spread, 1.0) / weights[near].sum()))
-    return ReadoutTime(value, error, "motion")
+    return ReadoutRatio(value, error, ReadoutSource.FRAMES)
 
 
 def _parts(evidence: Survey) -> list[Sequence[TrackedFrame]]:
@@ -117,14 +117,14 @@ class Visibility:
     frames: int  # number of frames examined: all of the selected part
 
 
-def too_little_to_see(request: ClipRequest, evidence: Survey, longest_ratio: float) -> Visibility | None:
+def too_little_to_see(request: ClipRequest, evidence: Survey, longest_s: float) -> Visibility | None:
     """Returns the bound on what undoing the motion would change, or None if it is half a pixel or more.
 
     Args:
-        longest_ratio: longest plausible readout time [frame intervals].
+        longest_s: longest plausible readout time [s].
     """
     undo = request.options.undo
-    reach = longest_ratio * undo.strength * (0.5 if undo.reference == "middle" else 1.0)
+    reach = longest_s / request.clip.interval_s * undo.strength * (0.5 if undo.reference == "middle" else 1.0)
     largest, frames, lost = 0.0, 0, 0
     for frame in evidence.frames:
         frames += 1
