@@ -68,11 +68,11 @@ import resource, sys
 import cv2
 from contextlib import closing
 from unshutter.readout_time import ReadoutTime
+from unshutter.video.camera import find_camera
 from unshutter.video.clip import ClipRequest, look
 from unshutter.video.clip_rectification import Pipeline, rectify_clip_file
 from unshutter.video.decode import frames_of
 from unshutter.video.frame_warper import Warper
-from unshutter.video.lenses import lens_in_frames
 from unshutter.options.clip_options import ClipUndo, Encode, RectifyClip, Shutter
 
 cv2.setNumThreads(1)
@@ -85,7 +85,7 @@ options = RectifyClip(
 )
 clip = look(source)
 request = ClipRequest.of(clip, options)
-pipeline = Pipeline(request, ReadoutTime(ratio, 0.0, "given"))
+pipeline = Pipeline(request, ReadoutTime(ratio * clip.interval_s))
 
 def count(items):
     with closing(items) as items:
@@ -108,7 +108,7 @@ def ms_of(step):
     return 1000 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / frames
 
 count(pipeline.moving(frames_of(clip)))  # libraries are loaded
-print(sorted(ms_of(lambda: lens_in_frames(request) and 1) for _ in range(3))[1])
+print(sorted(ms_of(lambda: find_camera(request) and 1) for _ in range(3))[1])
 for name, step in steps.items():
     print(name, ms_of(step), sep="\\t")
 """

@@ -127,11 +127,11 @@ class Walk:
     def _picture(self, k: int, model: FrameModel | None) -> unshutter.RectifiedFrame:
         """As ``rectify --sequence`` makes it: what is known of the camera comes from all frames of the clip."""
         clip = [Photo.from_array(self.seen(k, later)) for later in range(-self.around, self.around + 1)]
-        finder = CameraMotion(Clock(RATIO).readout_time, self.camera.focal_px)
+        finder = CameraMotion(Clock(RATIO).stated_ratio, self.camera.focal_px)
         found = list(finder.frames(clip))[self.around]
         before, photo, after = clip[self.around - 1 : self.around + 2]
         how = SequenceOptions(
-            Clock(RATIO).readout_time,
+            Clock(RATIO).stated_ratio,
             Undo("middle", edges="keep"),
             Readout.TOP_TO_BOTTOM,
             None,

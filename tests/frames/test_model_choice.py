@@ -71,7 +71,7 @@ def test_errors_of_both_are_in_pixels_of_256_rows():
     tracks = follow(np.ascontiguousarray(first), np.ascontiguousarray(second))
     wrong = np.broadcast_to((SHIFT + np.array([2, 0])).astype(np.float32), (HEIGHT, WIDTH, 2))
     assert flow_misses(Flow(wrong, -wrong, np.eye(3), 1.0), tracks) == pytest.approx(2 * 256 / HEIGHT, abs=0.1)
-    camera = next(CameraMotion(Clock(0.5).readout_time, 20 * FOCAL).frames([first.copy(), second.copy()]))
+    camera = next(CameraMotion(Clock(0.5).stated_ratio, 20 * FOCAL).frames([first.copy(), second.copy()]))
     assert camera_misses(camera, tracks, 0) < 0.15
     assert camera_misses(camera, tracks.only(np.zeros(len(tracks), bool)), 0) == np.inf
 

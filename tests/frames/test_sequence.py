@@ -136,7 +136,7 @@ def test_frames_are_not_kept():
 
     def most_memory(count):
         tracemalloc.start()
-        for _ in CameraMotion(Clock(0.6).readout_time, FOCAL).frames(endless(count)):
+        for _ in CameraMotion(Clock(0.6).stated_ratio, FOCAL).frames(endless(count)):
             pass
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -166,5 +166,5 @@ def test_what_cannot_be_is_refused_at_once(options, says):
 
 
 def test_a_readout_time_and_a_frame_rate_make_a_ratio():
-    assert Clock(readout_ms=20, fps=30).readout_time.value == pytest.approx(0.6)
-    assert Clock().readout_time is None
+    assert Clock(readout_ms=20, fps=30).stated_ratio.value == pytest.approx(0.6)
+    assert Clock().stated_ratio is None

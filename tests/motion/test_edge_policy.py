@@ -61,7 +61,7 @@ def test_the_error_says_how_much_would_be_left_in_other_processes_too() -> None:
 def test_automatic_edges_of_frames_with_neighbours_are_not_black(speed: int, decision: str) -> None:
     """Neither in a photo with a neighbour, which may be cropped, nor in a sequence, whose frames keep their size."""
     frames = [Photo.from_array(Scene(speed=(speed, 1)).frame(number, 0.8)) for number in range(2)]
-    options = SequenceOptions(Clock(0.8).readout_time, Undo(), Readout.TOP_TO_BOTTOM, model="dense")
+    options = SequenceOptions(Clock(0.8).stated_ratio, Undo(), Readout.TOP_TO_BOTTOM, model="dense")
     alone = rectify_between(frames[0], None, frames[1], options)
     (first, _) = unshutter.rectify_frames(frames, readout_ratio=0.8, model="dense")
     assert (alone.edges, first.edges) == (decision, "fill") and first.array.shape == frames[0].pixels.shape

@@ -12,14 +12,14 @@ from unshutter import View
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import Estimator
 from unshutter.single.methods import find_candidates
 from unshutter.single.register import load
 from unshutter.single.sharpness import BANDS, EdgeWidths, SpeedLimit, speed_limit
 
-KNOWN = ReadoutTime.of_ms(20, "given")
+KNOWN = ReadoutTime.of_ms(20, ReadoutSource.GIVEN)
 
 
 def stripes(blur_x: int = 1, blur_y: int = 1, size: int = 480) -> np.ndarray:
@@ -48,9 +48,9 @@ def test_blur_along_rows_is_how_far_the_camera_can_have_moved_to_the_side(blur: 
 def test_a_longer_exposure_allows_less_and_a_longer_readout_more() -> None:
     short, long = limit_of(stripes(), 0.001), limit_of(stripes(), 0.1)
     np.testing.assert_allclose(short.tx_px, 100 * long.tx_px)
-    twice = limit_of(stripes(), 0.001, ReadoutTime.of_ms(40, "given"))
+    twice = limit_of(stripes(), 0.001, ReadoutTime.of_ms(40, ReadoutSource.GIVEN))
     np.testing.assert_allclose(twice.tx_px, 2 * short.tx_px)
-    unsure = limit_of(stripes(), 0.001, ReadoutTime.of_ms(10, "some camera", plausible_ms=(0, 90)))
+    unsure = limit_of(stripes(), 0.001, ReadoutTime.of_ms(10, ReadoutSource.PHONE, plausible_ms=(0, 90)))
     np.testing.assert_allclose(unsure.tx_px, 1.5 * short.tx_px)
 
 

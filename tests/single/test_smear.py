@@ -9,7 +9,7 @@ import pytest
 from unshutter.motion import RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.register import load
@@ -19,7 +19,7 @@ from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.row_motions import distorted
 
 READOUT_S, EXPOSURE_S = 0.03, 0.01
-KNOWN = ReadoutTime.of_ms(1000 * READOUT_S, "given")
+KNOWN = ReadoutTime.of_ms(1000 * READOUT_S, ReadoutSource.GIVEN)
 
 
 def scene(grain: float = 25.0, height: int = 400, width: int = 560) -> np.ndarray:
@@ -86,7 +86,7 @@ def test_a_pattern_is_not_a_smear() -> None:
 def test_small_pictures_and_shutters_that_do_not_roll_show_nothing() -> None:
     pixels = moved(45)[1]
     assert smear_in(pixels[:100, :100]) is None
-    assert smear_in(pixels, ReadoutTime.of_ms(0, "leaf shutter")) is None
+    assert smear_in(pixels, ReadoutTime.of_ms(0, ReadoutSource.LEAF)) is None
 
 
 def test_a_smeared_photo_is_moved_as_far_as_its_smears_say() -> None:

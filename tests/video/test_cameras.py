@@ -10,7 +10,7 @@ import pytest
 from support import clips, gpmf
 from unshutter.cli import main
 from unshutter.errors import UsageError
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
 
@@ -61,7 +61,7 @@ def test_the_table_says_where_it_is_from_and_its_licence():
 def test_a_camera_is_found_by_make_model_size_and_rate(nemo):
     time = cameras.find("Nemo", "One", SIZE, 29.97)
     assert time == cameras.find("nemo inc.", "Nemo One", SIZE[::-1], 30)  # held upright
-    assert time == ReadoutTime.of_ms(20, "table of cameras", "Nemo One")
+    assert time == ReadoutTime.of_ms(20, ReadoutSource.TABLE, "Nemo One")
     assert cameras.find("", "one", SIZE, 30) == time
     assert cameras.find("Ahab", "One", SIZE, 30) is cameras.find("Nemo", "Three", SIZE, 30) is None
     assert cameras.find("Nemo", "", SIZE, 30) is cameras.find("", "", SIZE, 30) is None

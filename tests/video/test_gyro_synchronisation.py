@@ -13,7 +13,7 @@ from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.sequence import CameraMotion
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code
 from unshutter.video.clip_gyro import Synchronisation, synchronised
 from unshutter.video.gyro_fit import Adjusted, GyroTurns
@@ -139,7 +139,7 @@ def test_rows_follow_the_gyro(kind, most_px):
     frames = [GreyFrame(hand_held.HEIGHT, hand_held.WIDTH, grey, time_s=k / 30) for k, grey in enumerate(greys)]
 
     def errors(turns):
-        finder = CameraMotion(ReadoutTime(0.6, 0.0, "test"), hand_held.FOCAL, turns=turns)
+        finder = CameraMotion(ReadoutRatio(0.6), hand_held.FOCAL, turns=turns)
         at = np.meshgrid(np.linspace(10, 310, 9), np.linspace(10, 170, 17))
         off = [
             np.hypot(*np.subtract(motion.motion("middle").gs_to_rs(*at), camera.motion(k, "middle").gs_to_rs(*at)))

@@ -20,6 +20,7 @@ from unshutter.video import lenses
 from unshutter.video.clip import ClipRequest, look
 from unshutter.video.frame_map import StraightView
 from unshutter.video.lenses import LensProfile, lens_of_clip, lens_of_file, lens_of_tracks, named_lenses, table
+from unshutter.video.survey import Survey
 
 K = [0.04, 0.01, -0.006, 0.002]
 
@@ -203,5 +204,5 @@ def test_gopros_field_of_view_chooses_among_its_lenses(tmp_path, monkeypatch, sh
     clip = clips.write(tmp_path / "in.mp4", clips.standing(30), **tags)
     if share is not None:
         with_settings(clip, entry(b"ZFOV", b"f", struct.pack(">f", share * listed[0].degrees), 4))
-    lens = lens_of_clip(ClipRequest.of(look(str(clip)), RectifyClip()))
+    lens = lens_of_clip(ClipRequest.of(look(str(clip)), RectifyClip()), Survey())
     assert (lens and lens.source) == (said and f"table of lenses (GoPro HERO8 Black {said})")

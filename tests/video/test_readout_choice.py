@@ -1,6 +1,7 @@
 """A clip whose readout time nobody knows: the usual one is taken, or the clip shows that it does not matter."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from support.covering import thorough
 from support.hand_held import log_of, pan, shaking
 from unshutter.cli import main
 from unshutter.cli.clip_command import _line_of
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras, readout
+from unshutter.video import camera, cameras
 from unshutter.video.cameras import CameraMode
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
@@ -73,11 +74,11 @@ def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
 WIDE = " (anything from 10.0 to 30.0 ms)"
 
 
-@pytest.mark.parametrize(("low", "high", "span"), [(0.3, 0.9, WIDE), (0.9, 0.9, ""), (0.9, 0.9001, "")])
+@pytest.mark.parametrize(("low", "high", "span"), [(10, 30, WIDE), (30, 30, ""), (30, 30.003, "")])
 def test_one_value_is_not_a_range(low, high, span):
-    reason = Reason(Code.TOO_EVEN)
-    ratio = ReadoutTime(0.9, 0.0, "table of cameras", "GoPro Max", reason, (low, high), unit_s=1 / 30)
-    assert _line_of(ratio).endswith(f": taking 30.0 ms, typical of GoPro Max{span}; to set it: --readout-ms")
+    time = ReadoutTime.of_ms(30, ReadoutSource.TABLE, "GoPro Max", (low, high))
+    time = replace(time, instead_of=Reason(Code.TOO_EVEN))
+    assert _line_of(time).endswith(f": taking 30.0 ms, typical of GoPro Max{span}; to set it: --readout-ms")
 
 
 TAGS = {"container": {"movflags": "use_metadata_tags"}}
@@ -152,7 +153,7 @@ def test_people_who_walk_by_are_not_straightened_and_do_not_count(tmp_path, run)
 def test_a_mode_of_the_table_needs_no_search(tmp_path, run, monkeypatch):
     one = CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0)
     monkeypatch.setattr(cameras, "table", lambda: (one,))
-    monkeypatch.delattr(readout, "find_ratio")
+    monkeypatch.delattr(camera, "ratio_in_survey")
     clip = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1", tags={"make": "Nemo", "model": "One"})
     record, shown, _ = run(clip)
     assert record["readout_ms"] == pytest.approx(20) and "plausible_ms" not in record
@@ -186,10 +187,13 @@ def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
     assert out.exists() and (record["rectified"] > 20 or bound["px"] < 0.5), shown
 
 
-def test_a_ratio_can_be_kept_as_json():
-    usual = ReadoutTime(0.5, 0.0, "usual value", "phones", Reason(Code.STOOD_STILL), (0.1, 0.9), unit_s=0.04)
-    for each in (usual, ReadoutTime(0.6, 0.01, "motion")):
+def test_a_readout_time_can_be_kept_as_json():
+    usual = ReadoutTime(0.02, 0.0, ReadoutSource.USUAL, "phones", (0.004, 0.036), Reason(Code.STOOD_STILL))
+    for each in (usual, ReadoutTime(0.02, 0.001, ReadoutSource.FRAMES)):
         assert ReadoutTime.from_json(json.loads(json.dumps(each.as_json()))) == each
-    earlier = usual.as_json() | {"camera": ""}  # as version 1.0 kept it
-    del earlier["unit_s"]
-    assert ReadoutTime.from_json(earlier).in_frames(0.04) == usual
+
+
+@pytest.mark.parametrize(("ms", "ratio"), [(20, 0.6), (40, 1.0), (0.1, 0.003)])
+def test_no_frame_takes_longer_than_the_time_to_the_next(ms, ratio):
+    assert ReadoutTime.of_ms(ms, ReadoutSource.GIVEN).ratio(0.1 / 3).value == ratio
+    assert ReadoutRatio(ratio).seconds(0.1 / 3).ratio(0.1 / 3).value == ratio

@@ -61,7 +61,7 @@ def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatc
     monkeypatch.setattr(steps, "ahead", lambda items, most: bounds.append(most))
     monkeypatch.setattr(steps, "with_motion", lambda *_: None)
     for clip in (small, large):
-        Pipeline(ClipRequest.of(clip, RectifyClip()), ReadoutTime(0.6, 0.0, "given")).moving(iter([]))
+        Pipeline(ClipRequest.of(clip, RectifyClip()), ReadoutTime(0.02)).moving(iter([]))
     assert bounds == [2, 8, 2, 2]
 
 

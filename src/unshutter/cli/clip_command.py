@@ -76,7 +76,7 @@ def _line_of(time: ReadoutTime) -> str:
         span = "" if low == high else f" (anything from {low} to {high} ms)"
         usual = f"taking {ms:.1f} ms, typical of {time.camera}{span}"
         return f"unshutter: {time.instead_of}: {usual}; to set it: --readout-ms"
-    if time.source in ("motion", "gyro"):
+    if time.source.is_measured:
         return f"unshutter: readout time {ms:.1f} +- {time.error_ms:.1f} ms (--readout-ms {ms:.1f})"
     return f"unshutter: readout time {ms:.1f} ms, from {time.source} ({time.camera})"
 
@@ -116,7 +116,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
         view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
         yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}{now}"
-    if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
+    if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.readout.declined):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
         yield f"unshutter: not kept, because it cannot be written into such a file: {', '.join(outcome.left_out)}"
@@ -128,7 +128,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
 
 def _ways_to_straighten(outcome: ClipOutcome) -> Iterator[str]:
     """Yields what the user can do about a clip that was left unchanged."""
-    declined = outcome.ratio.declined
+    declined = outcome.readout.declined
     if declined is not None and declined.code is Code.GYRO_DISAGREES:
         yield "unshutter: if the gyro log is not this clip's: --gyro off"
     if declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):

@@ -19,7 +19,7 @@ from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion import Motion
 from unshutter.motion.verdict import probability_better
 from unshutter.orientation import Readout
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, MotionSource, Reason
 from unshutter.single.estimator import View
 
@@ -97,7 +97,7 @@ def _grey(frame: Any) -> np.ndarray:
 NAME = MotionSource.FILM.value
 _AROUND, _FEWEST = 30, 6  # frames used on each side of the photo; fewest frames of a usable film
 _MATCHED = 2  # frames on each side that the photo is compared with
-_USUAL_RATIO = ReadoutTime(0.6, 0.2, "what is usual")  # typical of phones' films
+_USUAL_RATIO = ReadoutRatio(0.6, 0.2, ReadoutSource.USUAL)  # typical of phones' films
 _LEAST_RATIO = 0.12  # frames with a shorter readout were rectified by the phone
 _LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less counts as no motion
 _OFF_PX = 1.5  # px of ROWS rows: largest distance of the photo from the path of an unstabilised film
@@ -238,14 +238,14 @@ class _Run:
         pairs = [links[k].tracks for k in range(first, last)]
         return cls(first, film.frames[first : last + 1], starts.tolist(), pairs)
 
-    def ratio(self, focal_px: float) -> ReadoutTime | None:
+    def ratio(self, focal_px: float) -> ReadoutRatio | None:
         """Returns the frames' readout ratio, the usual one if they do not reveal it, or None if they contradict any."""
         try:
             return ratio_from_motion(self.pairs, focal_px)
         except UnknownRatioError as error:
             return None if error.reason.code is Code.SHOOK_TOO_FAST else _USUAL_RATIO
 
-    def frames(self, focal_px: float, ratio: ReadoutTime) -> Frames:
+    def frames(self, focal_px: float, ratio: ReadoutRatio) -> Frames:
         """Fits the camera's rotation to the frames."""
         height, width = self.greys[0].shape
         problem = Problem([fewer(pair) for pair in self.pairs], focal_px, self.starts)
@@ -256,7 +256,7 @@ class _Run:
 # ---- plausibility --------------------------------------------------------------------------------------------
 
 
-def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutTime) -> FilmEvidence:
+def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> FilmEvidence:
     """Returns the motion of the photo, or why it is rejected, for instance because the film was stabilised."""
     at, off_px = _nearest(frames, fit)
     shape = _shape(frames)

@@ -27,7 +27,7 @@ from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, Reason
 
 _PART = 20  # pairs of frames per part
@@ -49,7 +49,7 @@ _FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
 _FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
 
-def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutTime:
+def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutRatio:
     """Estimates the readout ratio of a sequence from how smoothly its camera moved.
 
     Args:
@@ -80,7 +80,7 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
-    return ReadoutTime(min(max(best, 0.0), 1.0), error, "motion")
+    return ReadoutRatio(min(max(best, 0.0), 1.0), error, ReadoutSource.FRAMES)
 
 
 def _cause(pairs: Sequence[Tracks], code: Code) -> Reason:
@@ -196,18 +196,17 @@ _CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 class GreyFrame:
     """A frame as used for estimating motion.
 
-    It holds the full size, a small grey copy, and the time since the previous frame: ``after`` is in usual frame
-    intervals, and so is ``at``, the time since the shot began. ``time_s`` is its time on the clip's clock [s], if there
-    is one, and ``tracks`` are those from the previous frame.
+    It holds the full size, a small grey copy, and the time since the previous frame.
     """
 
     height: int
     width: int
-    grey: UInt8[np.ndarray, "rows columns"]
-    after: float = 1.0
-    at: float = 0.0
-    time_s: float = 0.0
-    tracks: Tracks | None = None
+    grey: UInt8[np.ndarray, "rows columns"]  # empty if corners were tracked before
+    after: float = 1.0  # time since the previous frame [usual frame intervals]
+    at: float = 0.0  # time since the shot began [usual frame intervals]
+    time_s: float = 0.0  # time on the clip's clock [s], if there is one
+    followed: Tracks | None = None  # all tracks from the previous frame, if corners were tracked before
+    tracks: Tracks | None = None  # those that move with the camera, or all if none do
 
 
 @dataclass(eq=False)
@@ -245,7 +244,7 @@ class Shot:
         """Whether something moved in front of the camera."""
         return sum(self._passing) > _CHANCE
 
-    def joins(self, frame: GreyFrame, ratio: ReadoutTime | None, lens: Lens | None = None) -> bool:
+    def joins(self, frame: GreyFrame, ratio: ReadoutRatio | None, lens: Lens | None = None) -> bool:
         """Whether a frame, taken through this lens, shows the same scene as the previous one."""
         self._next = None
         if self._last is None:
@@ -253,7 +252,7 @@ class Shot:
         if (frame.height, frame.width) != (self._last.height, self._last.width):
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
-        tracks = follow(self._last.grey, frame.grey, lens)
+        tracks = frame.followed or follow(self._last.grey, frame.grey, lens)
         self._next = background(tracks, ratio.value if ratio else None)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:

@@ -28,7 +28,7 @@ from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
 from unshutter.photo.photo import open_photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code, Reason
 
 _CORE, _MARGIN = 24, 6  # frames of a window whose motion is kept, and extra frames on both sides for stability
@@ -45,7 +45,7 @@ _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 class CameraMotion:
     """Estimates the motion of each frame of a sequence from one camera, remembering what it learns about the camera."""
 
-    ratio: ReadoutTime | None = None  # readout time in frame intervals; None to estimate it from the frames
+    ratio: ReadoutRatio | None = None  # readout time in frame intervals; None to estimate it from the frames
     focal_px: float | None = None  # focal length [px of the frames]; None to use EXIF's, or estimate it from the frames
     readout: Readout = Readout.TOP_TO_BOTTOM  # direction in which stored pixels were read
     # number of frames whose motion is found together, and of extra frames on both sides for stability
@@ -227,12 +227,12 @@ def estimate_frames(
     """
     keywords = locals()
     camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
-    finder = CameraMotion(stated_time(from_keywords(Clock, keywords), camera), camera.focal_px, camera.direction)
+    finder = CameraMotion(stated_ratio(from_keywords(Clock, keywords), camera), camera.focal_px, camera.direction)
     return (frame.motion(row) for frame in finder.frames(frames))
 
 
-def stated_time(clock: Clock, camera: Camera) -> ReadoutTime | None:
-    """Returns the readout time that the keywords of a function state, or None if they state none."""
+def stated_ratio(clock: Clock, camera: Camera) -> ReadoutRatio | None:
+    """Returns the readout ratio that the keywords of a function state, or None if they state none."""
     if (camera.readout_ms is None) != (clock.fps is None):
         raise UsageError("give both readout_ms and fps, or neither")
-    return replace(clock, readout_ms=camera.readout_ms).readout_time
+    return replace(clock, readout_ms=camera.readout_ms).stated_ratio

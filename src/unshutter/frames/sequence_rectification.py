@@ -21,7 +21,7 @@ from unshutter.frames.find import find
 from unshutter.frames.flow import Flow, bilinear
 from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import Link, copy_side, link, render_moment
-from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_time
+from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_ratio
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Finding
@@ -33,7 +33,7 @@ from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, files_behind, open_photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Cause
 from unshutter.storage.opened import Opened
 
@@ -108,7 +108,7 @@ class SequenceOptions:
         UsageError: the options contradict each other, or the time is too far away.
     """
 
-    time: ReadoutTime | None  # readout time in frame intervals; None if unknown
+    time: ReadoutRatio | None  # readout time in frame intervals; None if unknown
     undo: Undo  # reference row, strength and edges
     readout: Readout  # direction in which the stored pixels were read
     # time of the picture, in frame intervals from the frame's first row; None for that of the reference row
@@ -262,7 +262,7 @@ def rectify_frames(
     """
     keywords = locals()
     camera, undoing = from_keywords(Camera, keywords), from_keywords(Undo, keywords).keeping_coordinates()
-    time = stated_time(from_keywords(Clock, keywords), camera)
+    time = stated_ratio(from_keywords(Clock, keywords), camera)
     neighbours = from_keywords(Neighbours, {"sequence": True, **keywords})
     alone = Find() if fallback else None
     options = SequenceOptions(time, undoing, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone)
@@ -365,7 +365,7 @@ def _by_neighbours(
         if (camera_motion.stood_still and options.needed_model is None) or not camera_motion.ratio:
             options = replace(options, model="camera")
         else:
-            options = replace(options, time=ReadoutTime(camera_motion.ratio, 0.0, "the frames"))
+            options = replace(options, time=ReadoutRatio(camera_motion.ratio, source=ReadoutSource.FRAMES))
         if (options.needed_model or better_model(camera_motion, before, current, after)) == "camera":
             return rectify_by_camera(current.photo, camera_motion, options.undo)
     for first, second in pairwise(frames):

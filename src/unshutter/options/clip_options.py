@@ -12,13 +12,12 @@ from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_time, 
 from unshutter.options.fields import check_values
 from unshutter.options.photo_options import check_focal, check_ratio
 from unshutter.orientation import Readout
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
 _LONGEST_S = 1e9
 GYRO_OFF = "off"
-GIVEN = "given"  # source of a readout time that the user states
 JOIN = "to make a film from pictures: ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 film.mp4"
 USUAL_PERIOD_S = 2.0
 _ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
@@ -84,14 +83,14 @@ class Shutter:
     def readout_time(self, interval_s: float) -> ReadoutTime | None:
         """Returns the stated readout time of frames that are so far apart, or None if it is not stated."""
         if self.readout_ratio is not None:
-            return ReadoutTime(self.readout_ratio, 0.0, GIVEN, unit_s=interval_s)
+            return ReadoutRatio(self.readout_ratio).seconds(interval_s)
         if self.readout_ms is None:
             return None
         if self.readout_ms / 1000 / interval_s > 1.0005:
             raise UsageError(
                 f"frames are {1000 * interval_s:.2f} ms apart: they cannot take {self.readout_ms:g} ms to be read out"
             )
-        return ReadoutTime.of_ms(self.readout_ms, GIVEN).in_frames(interval_s)
+        return ReadoutTime.of_ms(self.readout_ms, ReadoutSource.GIVEN)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from unshutter.errors import UsageError, shortened
 from unshutter.options.fields import check_time, check_values, option
 from unshutter.orientation import Readout
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio
 
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond these, up is no longer up
@@ -262,9 +262,9 @@ class Clock:
         return by_rate if self.readout_ratio is None else self.readout_ratio
 
     @property
-    def readout_time(self) -> ReadoutTime | None:
-        """The stated readout time, in frame intervals; None if it was not stated."""
-        return None if self._ratio is None else ReadoutTime(self._ratio, 0.0, "what was given")
+    def stated_ratio(self) -> ReadoutRatio | None:
+        """The stated readout time as a share of the time between frames; None if it was not stated."""
+        return None if self._ratio is None else ReadoutRatio(self._ratio)
 
 
 def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from unshutter.errors import UsageError
 from unshutter.options.fields import option, positional
 from unshutter.options.photo_options import Camera, Find, Neighbours, Reference, Save, Undo, model_for
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class Rectify:
             raise UsageError("{--at} and {--reference} both set the moment of the picture: choose one")
         if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:
             raise UsageError("give both {--readout-ms} and {--fps}, or neither")
-        _ = self.readout_time  # raises for impossible numbers
+        _ = self.stated_ratio  # raises for impossible numbers
         model_for(neighbours.model, neighbours.at, self.undo)
 
     @property
-    def readout_time(self) -> ReadoutTime | None:
-        """The stated readout time of neighbouring frames; None if it was not stated."""
-        return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms).readout_time
+    def stated_ratio(self) -> ReadoutRatio | None:
+        """The stated readout time of neighbouring frames, as a share of the time between them; None if not stated."""
+        return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms).stated_ratio
 
     @property
     def find_alone(self) -> Find | None:

@@ -15,7 +15,6 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
 from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, digest, errors_of, kept, put, put_text
 from unshutter.page.sentences import reason_json, sentence
-from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Reason
 
 if TYPE_CHECKING:
@@ -23,7 +22,8 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.clip import ClipFacts, ClipRequest
+    from unshutter.video.camera import Camera
+    from unshutter.video.clip import ClipFacts
     from unshutter.video.frame_warper import MovingFrame
 
 MOMENTS = 5  # number of moments of a clip that are shown
@@ -76,9 +76,9 @@ def after(
 def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
     """Returns the readout time of a clip's camera, its error and its source as JSON."""
     with _look(open_file) as clip:
-        time = _time_of(open_file, clip, options, progress_of(open_file))
+        time = _camera_of(open_file, clip, options, progress_of(open_file)).readout
         return {
-            "ratio": time.value,
+            "ratio": time.ratio(clip.interval_s).value,
             "ms": time.ms,
             "ms_sd": time.error_ms,
             "found_by": time.source,
@@ -104,8 +104,8 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 
     progress.note("frames", 0, 0)
     with _look(open_file, {target: target.name, target.parent: "the folder"}) as clip:
-        time = _time_of(open_file, clip, options, progress)
-        record = rectify_clip_file(str(open_file.path), str(target), options, time, progress.note).as_json()
+        camera = _camera_of(open_file, clip, options, progress)
+        record = rectify_clip_file(str(open_file.path), str(target), options, camera, progress.note).as_json()
     declined = [sentence(Reason.from_json(each)) for each in record["declined"]]
     return {**{name: record[name] for name in ("frames", "rectified", "left_out")}, "declined": declined}
 
@@ -124,41 +124,16 @@ def progress_of(open_file: OpenFile) -> ProgressFile:
     return ProgressFile(open_file.path.with_name("progress.json"))
 
 
-def _usual_time(clip: ClipFacts, options: RectifyClip) -> ReadoutTime:
-    """Returns the readout time that the user states, or that is usual for the camera: known without a search."""
-    from unshutter.video.cameras import listed_time, usual_time
-
-    mode = options.shutter.camera, (clip.width, clip.height), 1 / clip.interval_s
-    time = options.shutter.readout_time(clip.interval_s) or listed_time(clip.tags, *mode)
-    return (time or usual_time(clip.tags, clip.interval_s)).in_frames(clip.interval_s)
-
-
-def _time_of(
+def _camera_of(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> ReadoutTime:
-    """Returns the readout time of a clip: the user's, or else an estimate, which is cached."""
-    from unshutter.video.clip_rectification import camera_of_clip
-
-    stated = options.shutter.readout_time(clip.interval_s)
-    if stated is not None:
-        return stated
-    key = options.shutter, options.span(clip.duration_s)
-    search = lambda: camera_of_clip(_request(open_file, clip, options, progress))[0].as_json()  # noqa: E731
-    return ReadoutTime.from_json(kept(open_file, "readout", key, search)).in_frames(clip.interval_s)
-
-
-def _request(
-    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> ClipRequest:
-    """Returns the request of a clip with its lens, which is cached."""
-    from unshutter.motion.lens import Lens
+) -> Camera:
+    """Returns what is known of a clip's camera, except for a gyro log: found once, and cached."""
+    from unshutter.video.camera import Camera, find_camera
     from unshutter.video.clip import ClipRequest
-    from unshutter.video.lenses import lens_of_clip
 
     request = ClipRequest.of(clip, options, progress.note if progress else None)
     key = options.shutter, options.span(clip.duration_s)
-    known = kept(open_file, "lens", key, lambda: (lens := lens_of_clip(request)) and lens.as_json())
-    return request if known is None else replace(request, lens=Lens.of_json(known))
+    return Camera.from_json(kept(open_file, "camera", key, lambda: find_camera(request)[0].as_json()))
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
@@ -178,11 +153,14 @@ def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
 def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion, RowMotion
+    from unshutter.video.camera import Camera, time_without_search
     from unshutter.video.clip import ClipRequest
     from unshutter.video.decode import frames_of
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
-    time = _usual_time(clip, options) if usual else _time_of(open_file, clip, options)
+    request = ClipRequest.of(clip, options)
+    camera = Camera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
+    time = camera.readout
     if time.declined is not None:
         return MovingFrame(_frame_at(clip, time_s), RowMotion.zero(ROWS, ROWS, reason=time.declined))
     file = open_file.path.with_name(f"moment-{digest(options.shutter, time, time_s, usual)}.json")
@@ -190,8 +168,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
         return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
     frames = islice(frames_of(clip, first), 2 * _AROUND + 1)
-    request = ClipRequest.of(clip, options, None) if usual else _request(open_file, clip, options)  # without a lens
-    for moving in with_motion(request, frames, time):
+    for moving in with_motion(replace(request, lens=camera.lens), frames, time):
         if (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.motion.to_json())
             return moving
@@ -216,22 +193,24 @@ def _pairs(
     """Yields small frames around a moment, before and after side by side."""
     import numpy as np
 
+    from unshutter.video.camera import find_camera
+    from unshutter.video.clip import ClipRequest
     from unshutter.video.clip_rectification import Pipeline, with_steady_views
     from unshutter.video.decode import frames_of
     from unshutter.video.frame_map import FrameMap, warp_plane
     from unshutter.video.frame_warper import Warper
     from unshutter.video.pixels import upright
-    from unshutter.video.readout import camera_of_clip
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
-    time = _time_of(open_file, clip, options, progress)
+    camera = _camera_of(open_file, clip, options, progress)
     black = [0, 0, 0] if options.undo.edges in ("keep", "crop") else None
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
-    request = replace(_request(open_file, clip, options, progress), options=part)
-    gyro = camera_of_clip(request, time)[1] if options.steadiness.level else None
-    pipeline = Pipeline(request, time, unmoved=time.declined, gyro=gyro)
+    request = replace(ClipRequest.of(clip, part, progress.note), lens=camera.lens)
+    if options.steadiness.level:
+        camera, _ = find_camera(request, camera)
+    pipeline = Pipeline(request, camera.readout, unmoved=camera.readout.declined, gyro=camera.gyro)
     if options.steadiness.stabilize is not None:
         pipeline = with_steady_views(pipeline)
     warper, frames = Warper(clip, part.undo), round((last - first) / clip.interval_s)

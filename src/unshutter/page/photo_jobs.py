@@ -199,7 +199,7 @@ def _rectify_between(
     focal_px = options.find.camera.focal_px or photo.focal_px()
     alone = options.find if frames.fallback else None
     described = frames.at, frames.model, focal_px and focal_px / scale, alone
-    sequence = SequenceOptions(options.readout_time, undo, options.find.camera.direction, *described)
+    sequence = SequenceOptions(options.stated_ratio, undo, options.find.camera.direction, *described)
     neighbours = [path and replace(open_file, path=path) for path in (frames.before, frames.after)]
     for each in map(opened, filter(None, neighbours)):
         if (each.height, each.width) != (photo.height, photo.width):

@@ -51,7 +51,7 @@ _ADVICE: dict[Code, tuple[str, ...]] = {
 
 
 def sentence(reason: Reason, confidence: float | None = None) -> str:
-    """Returns a reason in the page's words; the confidence of a verdict is said where it means something."""
+    """Returns a reason in the page's words, with a verdict's confidence where that means something."""
     figures = dict(reason.figures)
     if figures.get("segments") == 1:
         return _ONE_LINE

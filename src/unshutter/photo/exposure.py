@@ -20,7 +20,7 @@ from fractions import Fraction
 
 from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF, Entry, Tree
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 
 _ORIGINAL, _SUBSECONDS = 0x9003, 0x9291
 _EXPOSURE_TIME, _SHUTTER_SPEED = 0x829A, 0x9201
@@ -105,13 +105,13 @@ _MAKE, _MODEL = 0x010F, 0x0110
 
 
 # usual time for photos of a kind of camera or shutter, and the longest that such a camera may take
-LEAF = ReadoutTime.of_ms(0, "leaf shutter or CCD")
-FOCAL_PLANE = ReadoutTime.of_ms(4, "focal-plane shutter", plausible_ms=(0, 10))
-PHONE = ReadoutTime.of_ms(20, "phone", plausible_ms=(0, 50))
-DRONE = ReadoutTime.of_ms(30, "drone or action camera", plausible_ms=(0, 100))
-EITHER = ReadoutTime.of_ms(10, "mechanical or electronic shutter", plausible_ms=(0, 300))
-ELECTRONIC = ReadoutTime.of_ms(50, "electronic shutter", plausible_ms=(0, 300))
-UNKNOWN = ReadoutTime.of_ms(50, "unknown camera", plausible_ms=(0, 300))
+LEAF = ReadoutTime.of_ms(0, ReadoutSource.LEAF)
+FOCAL_PLANE = ReadoutTime.of_ms(4, ReadoutSource.FOCAL_PLANE, plausible_ms=(0, 10))
+PHONE = ReadoutTime.of_ms(20, ReadoutSource.PHONE, plausible_ms=(0, 50))
+DRONE = ReadoutTime.of_ms(30, ReadoutSource.DRONE, plausible_ms=(0, 100))
+EITHER = ReadoutTime.of_ms(10, ReadoutSource.EITHER, plausible_ms=(0, 300))
+ELECTRONIC = ReadoutTime.of_ms(50, ReadoutSource.ELECTRONIC, plausible_ms=(0, 300))
+UNKNOWN = ReadoutTime.of_ms(50, ReadoutSource.UNKNOWN, plausible_ms=(0, 300))
 
 # (makes, model): beginnings of the make, and a pattern for the start of the model, both in lower case
 _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from unshutter.errors import UnshutterError
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.storage.locations import Place, absolute
 
 if TYPE_CHECKING:
@@ -124,9 +124,9 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
 
     time = burst[0].readout
     if camera.readout_ms is not None:
-        time = ReadoutTime.of_ms(camera.readout_ms, "given")
+        time = ReadoutTime.of_ms(camera.readout_ms, ReadoutSource.GIVEN)
     elif time in (PHONE, DRONE):
-        time = replace(time, value=_CAUTIOUS * time.value)
+        time = replace(time, seconds=_CAUTIOUS * time.seconds)
     else:
         return
     gaps = [after.at_s - before.at_s for before, after in pairwise(burst)]
@@ -135,7 +135,7 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
         return
     if max(abs(gap - interval_s) for gap in gaps) < _CLOCK_S:
         gaps = [interval_s] * len(gaps)
-    finder = CameraMotion(time.in_frames(interval_s), camera.focal_px, camera.direction)
+    finder = CameraMotion(time.ratio(interval_s), camera.focal_px, camera.direction)
     steps = [1.0, *(gap / interval_s for gap in gaps)]
     try:
         motions = list(finder.motions(_grey_frames(finder, burst, steps, max_pixels)))

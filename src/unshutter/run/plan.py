@@ -19,7 +19,7 @@ from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.bursts import bursts_among
 from unshutter.run.inputs import PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
@@ -311,7 +311,7 @@ _RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record who
 
 def with_motions(
     jobs: list[Job], photos: list[Place], request: Rectify, max_pixels: int
-) -> tuple[list[Job], ReadoutTime | None]:
+) -> tuple[list[Job], ReadoutRatio | None]:
     """Returns the jobs that remain, each with the motion of its photo, and the readout ratio found from the frames.
 
     All photos in order, including finished ones, are neighbours. Each folder is a separate sequence, split by
@@ -321,10 +321,10 @@ def with_motions(
     from unshutter.frames.sequence import CameraMotion
     from unshutter.frames.tracks import GUESSED_RATIO
 
-    stated, camera = request.readout_time, request.find.camera
-    usual = ReadoutTime(GUESSED_RATIO, _GUESSED_ERROR, "usual value")
-    for time in (stated, usual):
-        finder = CameraMotion(time, camera.focal_px, camera.direction)
+    stated, camera = request.stated_ratio, request.find.camera
+    usual = ReadoutRatio(GUESSED_RATIO, _GUESSED_ERROR, ReadoutSource.USUAL)
+    for ratio in (stated, usual):
+        finder = CameraMotion(ratio, camera.focal_px, camera.direction)
         readable: list[Place] = []
         pairs: list[tuple[Place, Place]] = []  # consecutive photos
         frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))

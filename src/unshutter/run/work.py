@@ -211,7 +211,7 @@ def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame
     neighbours, camera = request.neighbours, request.find.camera
     alone = request.find if neighbours.fallback else None
     options = SequenceOptions(
-        request.readout_time, request.undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone
+        request.stated_ratio, request.undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone
     )
     if not neighbours.sequence:
         before, after = (path and open_input(path, job.max_pixels) for path in (neighbours.before, neighbours.after))

@@ -39,9 +39,9 @@ _LEFT = 0.6  # error that remains, as a share of the expected one
 def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tuple[Candidate, ...] | None:
     """Returns the motions of a smeared photo, the one to undo first; None if there is no clear smear."""
     limit, time = view.speed_limit, view.readout_s()
-    if limit is None or not time.typical_s or view.photo.is_merged():
+    if limit is None or not time.seconds or view.photo.is_merged():
         return None
-    readout_error = math.log(time.longest_s / time.typical_s) / 2
+    readout_error = math.log(time.longest_s / time.seconds) / 2
     grey = view.grey(_SIDE)
     smear = smear_of(grey, view.height / grey.shape[0], limit, readout_error)
     if smear is None or readout_error > _LARGEST_ERROR:

@@ -17,7 +17,7 @@ from unshutter.options import Camera
 from unshutter.orientation import Readout, scene_up
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
 from unshutter.single.sharpness import EdgeWidths, SpeedLimit, speed_limit
@@ -100,7 +100,7 @@ class View:
         """Returns the readout time or its plausible range: as stated, or else typical for the kind of camera."""
         if self.camera.readout_ms is None:
             return self.photo.readout_time()
-        return ReadoutTime.of_ms(self.camera.readout_ms, "given")
+        return ReadoutTime.of_ms(self.camera.readout_ms, ReadoutSource.GIVEN)
 
     @cached_property
     def speed_limit(self) -> SpeedLimit | None:

@@ -124,7 +124,7 @@ def speed_limit(
     found = edges()
     if not np.isfinite([*found.along_rows, *found.along_columns, found.turning_rad]).any():
         return None
-    readout_s = math.sqrt(readout.typical_s * readout.longest_s)
+    readout_s = math.sqrt(readout.seconds * readout.longest_s)
     factor = readout_s / exposure_s * (_MERGED if merged else 1)
     tx_px, ty_px = factor * found.along_rows, factor * found.along_columns
     return SpeedLimit(tx_px, ty_px, factor * found.turning_rad, exposure_s, readout_s)

@@ -18,7 +18,7 @@ from itertools import islice
 from statistics import median
 
 from unshutter.photo.boxes import inside
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.video import gpmf
 from unshutter.video.mp4 import DAMAGE, Movie
 
@@ -64,7 +64,7 @@ def _readout_time(movie: Movie) -> ReadoutTime | None:
     for writer, times in (("Apple", _apple(movie)), ("GoPro", _gopro(movie)), ("CAMM", _camm(movie))):
         plausible = [ms for ms in times if _SHORTEST_MS <= ms <= _LONGEST_MS]
         if plausible:
-            return ReadoutTime.of_ms(median(plausible), "the clip's file", writer)
+            return ReadoutTime.of_ms(median(plausible), ReadoutSource.TAG, writer)
     return None
 
 

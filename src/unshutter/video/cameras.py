@@ -15,7 +15,7 @@ from functools import cache
 from importlib.resources import files
 
 from unshutter.errors import UsageError, shortened
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 
 _SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames per second are one mode; 16.7 and 17.7 ms agree
 # Tags of QuickTime and Android files that hold the names, as FFmpeg calls them.
@@ -64,16 +64,14 @@ class CameraMode:
 
     brand: str
     model: str
-    # one of its lenses or fields of view; empty if the profiles do not name it, or it does not matter. width, height:
-    # size of a frame [px].
+    # one of its lenses or fields of view; empty if the profiles do not name it, or it does not matter
     lens: str
-    width: int
-    height: int
+    width: int  # columns of a frame [px]
+    height: int  # rows of a frame [px]
     fps: float  # frames per second
-    # readout time of a frame [ms], the median of the profiles. least_ms, most_ms: range of the profiles [ms].
-    readout_ms: float
-    least_ms: float
-    most_ms: float
+    readout_ms: float  # readout time of a frame [ms], the median of the profiles
+    least_ms: float  # shortest of the profiles [ms]
+    most_ms: float  # longest of the profiles [ms]
     profiles: int = 1  # number of profiles
     upward: bool = False  # whether the last stored row is read first, for instance in a phone held upside down
     note: str = ""  # further conditions of the time
@@ -120,18 +118,18 @@ def table() -> tuple[CameraMode, ...]:
     """Returns all known modes, sorted by brand, model, lens and mode."""
     return tuple(
         CameraMode(
-            line["brand"],
-            line["model"],
-            line["lens"],
-            int(line["width"]),
-            int(line["height"]),
-            float(line["fps"]),
-            float(line["readout_ms"]),
-            float(line["least"]),
-            float(line["most"]),
-            int(line["profiles"]),
-            line["direction"] == "bottom-up",
-            line["note"],
+            brand=line["brand"],
+            model=line["model"],
+            lens=line["lens"],
+            width=int(line["width"]),
+            height=int(line["height"]),
+            fps=float(line["fps"]),
+            readout_ms=float(line["readout_ms"]),
+            least_ms=float(line["least"]),
+            most_ms=float(line["most"]),
+            profiles=int(line["profiles"]),
+            upward=line["direction"] == "bottom-up",
+            note=line["note"],
         )
         for line in lines_of("cameras.csv")
     )
@@ -159,7 +157,7 @@ def listed_time(tags: Mapping[str, str], named: str | None, size: tuple[int, int
     if named is None:
         return find(*camera_of(tags), size, rate)
     time = find_named(named, size, rate)
-    return time if time.plausible else replace(time, camera=named)
+    return time if time.plausible_s else replace(time, camera=named)
 
 
 def usual_time(tags: Mapping[str, str], interval_s: float) -> ReadoutTime:
@@ -174,7 +172,7 @@ def usual_time(tags: Mapping[str, str], interval_s: float) -> ReadoutTime:
     modes = [mode for mode in similar if not kind or mode.brand.lower().split()[0] in brands] or similar
     times = [mode.readout_ms for mode in modes] or [1000 * interval_s * share for share in (0.2, 0.5, 1.0)]
     low, usual, high = map(float, np.percentile(times, _PERCENTILES))
-    return ReadoutTime.of_ms(usual, "usual value", kind or "cameras and phones", (low, high))
+    return ReadoutTime.of_ms(usual, ReadoutSource.USUAL, kind or "cameras and phones", (low, high))
 
 
 def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTime | None:
@@ -219,11 +217,14 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
     if not closest:
         return None
     times = sorted(mode.readout_ms for mode in closest for _ in range(mode.profiles))
-    values = (min(mode.least_ms for mode in closest), times[len(times) // 2], max(mode.most_ms for mode in closest))
-    low, typical, high = (min(value, 1000 / rate) for value in values)
+    longest = 1000 / rate
+    low = min(min(mode.least_ms for mode in closest), longest)
+    typical = min(times[len(times) // 2], longest)
+    high = min(max(mode.most_ms for mode in closest), longest)
     camera, known = closest[0].camera, same and _agree(low, high)
-    about = (camera, None) if known else (f"{camera} {match}", (low, high))
-    return ReadoutTime.of_ms(typical, "table of cameras", *about)
+    if known:
+        return ReadoutTime.of_ms(typical, ReadoutSource.TABLE, camera)
+    return ReadoutTime.of_ms(typical, ReadoutSource.TABLE, f"{camera} {match}", (low, high))
 
 
 # ---- names -------------------------------------------------------------------------------------------------

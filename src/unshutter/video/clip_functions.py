@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.frame_motion import FrameMotion
 from unshutter.frames.self_calibration import GreyFrame
-from unshutter.frames.sequence import CameraMotion, stated_time
+from unshutter.frames.sequence import CameraMotion, stated_ratio
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.motion import Motion
 from unshutter.options import Camera, Clock, FrameModel, Reference
@@ -23,9 +23,8 @@ from unshutter.options.fields import check_time, for_python, from_keywords
 from unshutter.photo.photo import check_size
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.decode import COPY_SIDE
 from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
-from unshutter.video.frame_warper import FEWEST, small_motion, window_for
+from unshutter.video.frame_warper import COPY_SIDE, FEWEST, small_motion, window_for
 from unshutter.video.lenses import lens_in_greys
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.pixels import small_grey
@@ -76,11 +75,11 @@ def rectify_clip(
         source: a film.
         output: the file to write.
         progress: called with the name of a step, the number of its parts that are done, and the expected total.
-        on_readout: called with the readout ratio and the frame interval [s] once the ratio is found; not called if
+        on_readout: called with the readout time and the frame interval [s] once the time is found; not called if
             you state it.
 
     Returns:
-        The number of rectified frames, why others were left unchanged, and the readout ratio with its source.
+        The number of rectified frames, why others were left unchanged, and the readout time with its source.
 
     Raises:
         UsageError: options contradict each other, or do not suit the clip.
@@ -145,10 +144,10 @@ def rectify_clip_frames(
     for_ratio = None if stabilize is not None and readout_ms is None else fps
     keywords = locals() | {"fps": for_ratio}
     known, undo = from_keywords(Camera, keywords), from_keywords(ClipUndo, keywords)
-    steadiness, time = from_keywords(Steadiness, keywords), stated_time(from_keywords(Clock, keywords), known)
+    steadiness, ratio = from_keywords(Steadiness, keywords), stated_ratio(from_keywords(Clock, keywords), known)
     if undo.edges not in ("fill", "keep"):
         raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {undo.edges}")
-    camera = CameraMotion(time, focal_px, known.direction, fewest=FEWEST, whole_path=stabilize is not None)
+    camera = CameraMotion(ratio, focal_px, known.direction, fewest=FEWEST, whole_path=stabilize is not None)
     if stabilize is None:
         return _rectified(iter(frames), camera, undo)
     if iter(frames) is frames:

@@ -9,26 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import pairwise, permutations
 from typing import Any
 
 import numpy as np
 
 from unshutter.errors import UsageError
 from unshutter.frames.camera import ROWS, track_jacobian
-from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
-from unshutter.progress import counted
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import ClipFacts, ClipRequest
-from unshutter.video.decode import followed
+from unshutter.video.clip import ClipRequest
 from unshutter.video.gpmf import DamagedLogError
 from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns, has_gravity
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
+from unshutter.video.survey import Survey
 
-_PARTS, _PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
+_PARTS, PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
 _FEWEST = 15  # pairs of frames with usable tracks
 _LEAST_TRACKS = 12  # of a pair
 _MISSING_S = 0.25  # at either end of a clip that a log may omit
@@ -62,7 +60,8 @@ class ClipGyro:
         if not self.synchronisation.shows_ratio:
             return None
         alignment, error = self.synchronisation.alignment, self.synchronisation.adjusted.ratio_error
-        return ReadoutTime(float(np.clip(alignment.ratio, 0, 1)), error, "gyro")
+        ratio = ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, ReadoutSource.GYRO)
+        return ratio.seconds(alignment.interval_s)
 
     def as_json(self) -> dict[str, Any]:
         """Returns the record for a log of runs."""
@@ -76,19 +75,38 @@ class ClipGyro:
         return record
 
 
-def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> ClipGyro | None:
-    """Returns the gyro log of a clip, synchronised with it, or None if it has none."""
-    clip, log = request.clip, _log_or_reason(request.clip, request.options.shutter.gyro)
-    if not isinstance(log, GyroLog):
-        return log
-    span = request.span[0], min(request.span[1], clip.duration_s or np.inf)
+def log_of_clip(request: ClipRequest) -> GyroLog | ClipGyro | None:
+    """Reads the gyro log of a clip; returns why it cannot be used if so, or None if there is none."""
+    clip, choice = request.clip, request.options.shutter.gyro
+    if choice == GYRO_OFF:
+        return None
+    if choice is not None:
+        return log_of_file(choice)
+    try:
+        log = log_of_camera(clip.path) if clip.may_have_log else None
+    except DamagedLogError:
+        return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
+    if log is None and not can_parse():
+        name = next((name for name in clip.others.data_tracks if name.startswith(_LOG_TRACKS)), None)
+        return None if name is None else ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD))
+    return log
+
+
+def gyro_in_survey(request: ClipRequest, evidence: Survey, log: GyroLog, known: ReadoutTime | None = None) -> ClipGyro:
+    """Returns the gyro log of a clip, synchronised with its tracked frames.
+
+    Args:
+        known: readout time of the camera, if it is known.
+    """
+    clip = request.clip
+    span = _span(request)
     offsets = _offsets(log, span)
     if not offsets:
         return ClipGyro(log.origin, None, None, Reason(Code.GYRO_TOO_SHORT))
     stated = log.readout_time if known is None else None
     known = known or stated
-    ratio = known and known.in_frames(clip.interval_s).value
-    pairs = list(_pairs(request, _parts(clip, log, span)))
+    ratio = known and known.ratio(clip.interval_s).value
+    pairs = list(_pairs(evidence))
     if len(pairs) < _FEWEST:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
@@ -102,26 +120,8 @@ def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> Clip
     return ClipGyro(log.origin, synchronisation, turns, reason, stated)
 
 
-def _log_or_reason(clip: ClipFacts, choice: str | None) -> GyroLog | ClipGyro | None:
-    """Returns a clip's log, or why it cannot be read; None if it has none."""
-    try:
-        log = _log(clip, choice)
-    except DamagedLogError:
-        if choice is not None:
-            raise
-        return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
-    tracks = clip.others.data_tracks if log is None and choice is None and not can_parse() else ()
-    name = next((name for name in tracks if name.startswith(_LOG_TRACKS)), None)
-    return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else log
-
-
-def check_level(clip: ClipFacts, choice: str | None) -> None:
-    """Raises UsageError if a clip has no gyro log that tells which way is up; no frame is looked at for that.
-
-    Args:
-        choice: the log that the user names; None for that in the clip's file.
-    """
-    log = _log_or_reason(clip, choice)
+def check_level(log: GyroLog | ClipGyro | None) -> None:
+    """Raises UsageError if a clip's gyro log, read by :func:`log_of_clip`, does not tell which way is up."""
     if isinstance(log, GyroLog):
         _check_gravity(log)
     else:
@@ -148,13 +148,8 @@ def level_turns(gyro: ClipGyro | None) -> GyroTurns:
     return gyro.turns
 
 
-def _log(clip: ClipFacts, choice: str | None) -> GyroLog | None:
-    """Returns the log that the user names, or otherwise the one in the clip's file."""
-    if choice == GYRO_OFF:
-        return None
-    if choice is not None:
-        return log_of_file(choice)
-    return log_of_camera(clip.path) if clip.may_have_log else None
+def _span(request: ClipRequest) -> tuple[float, float]:
+    return request.span[0], min(request.span[1], request.clip.duration_s or np.inf)
 
 
 def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float]]:
@@ -173,14 +168,14 @@ def _covers(log: GyroLog, begin_s: float, end_s: float) -> bool:
 # ---- parts to compare ------------------------------------------------------------------------------------------
 
 
-def _parts(clip: ClipFacts, log: GyroLog, span: tuple[float, float]) -> list[float]:
-    """Returns the start times of the parts of the clip that are compared with the log [s].
+def lively_parts(request: ClipRequest, log: GyroLog) -> list[float] | None:
+    """Returns the start times of the parts of a clip to be compared with its log [s]; None: the whole clip.
 
     They are spread over the clip, each where the camera turned most in its neighbourhood, if that is known.
     """
-    length = _PART * clip.interval_s
+    span, length = _span(request), PART * request.clip.interval_s
     if span[1] - span[0] <= _PARTS * length:
-        return list(np.arange(span[0], max(span[1] - length / 2, span[0] + length / 2), length))
+        return None
     parts = []
     for first in np.linspace(span[0], span[1] - length, _PARTS + 1)[:-1]:
         room = (span[1] - span[0] - length) / _PARTS - length
@@ -192,19 +187,18 @@ def _parts(clip: ClipFacts, log: GyroLog, span: tuple[float, float]) -> list[flo
 
 def _liveliness(log: GyroLog, begin_s: float, length_s: float) -> float:
     """Returns how much the angular velocity varies on time scales of a frame and longer [rad/s]."""
-    angles = log.angles(np.linspace(begin_s, begin_s + length_s, _PART))
-    return float(np.diff(angles, axis=0).std(axis=0).sum() * _PART / length_s)
+    angles = log.angles(np.linspace(begin_s, begin_s + length_s, PART))
+    return float(np.diff(angles, axis=0).std(axis=0).sum() * PART / length_s)
 
 
-def _pairs(request: ClipRequest, starts: list[float]) -> Iterator[Pair]:
-    """Yields the tracks between consecutive frames in parts of the clip."""
-    for start in counted("gyro", starts, request.watch):
-        before_s = 0.0
-        end = start + (_PART - 0.5) * request.clip.interval_s
-        for frame, since, _, pair in followed(request, start, end, TRACKED_SIDE):
-            if pair is not None and since is not None and pair.joined and len(pair.tracks) >= _LEAST_TRACKS:
-                yield Pair(pair.tracks, before_s, frame.time or 0.0)
-            before_s = frame.time or 0.0
+def _pairs(evidence: Survey) -> Iterator[Pair]:
+    """Yields the tracks between consecutive frames, of so many at most."""
+    few = sum(map(len, evidence.parts)) <= _PARTS * PART
+    for run in evidence.parts if few else evidence.runs(_PARTS, PART):
+        for before, frame in pairwise(run):
+            plane = frame.background
+            if plane is not None and frame.since is not None and plane.joined and len(plane.tracks) >= _LEAST_TRACKS:
+                yield Pair(plane.tracks, before.time_s, frame.time_s)
 
 
 # ---- the log's alignment with the clip -------------------------------------------------------------------------
@@ -278,15 +272,24 @@ def synchronised(
     at = float(np.mean([pair.begin_s for pair in pairs]))
     begun = _GUESSED_RATIO if ratio is None else ratio
     starts = [
-        Alignment(axes, offset_s, 0.0, at, np.zeros(3), focal_px or coarse_px, begun, interval_s)
+        Alignment(
+            axes=axes,
+            offset_s=offset_s,
+            drift=0.0,
+            at_s=at,
+            bias=np.zeros(3),
+            focal_px=focal_px or coarse_px,
+            ratio=begun,
+            interval_s=interval_s,
+        )
         for axes, offset_s, coarse_px in _coarse(log, pairs, offsets_s, lag, usual)
     ]
     ends = min(pair.begin_s for pair in pairs) - _MARGIN_S, max(pair.end_s for pair in pairs) + _MARGIN_S
-    known = usual, focal_px is not None, ratio is not None
     solved = []
     for start in starts:
         part = log.between(start.offset_s + ends[0], start.offset_s + ends[1])
-        solved.append((Adjustment(part, pairs, *known).solve(start), part))
+        adjustment = Adjustment(part, pairs, usual, focal_known=focal_px is not None, ratio_known=ratio is not None)
+        solved.append((adjustment.solve(start), part))
     (adjusted, part), *rivals = solved
     for rival, beside in rivals:
         adjusted, part = (rival, beside) if rival.noise_px < _BETTER * adjusted.noise_px else (adjusted, part)

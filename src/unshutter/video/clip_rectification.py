@@ -25,16 +25,16 @@ from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.warp import thread_count
-from unshutter.options import check_focal
-from unshutter.options.clip_options import GIVEN, RectifyClip
+from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import Watch
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
 from unshutter.video import cameras, film_file, mp4
+from unshutter.video.camera import Camera, find_camera
 from unshutter.video.clip import ClipFacts, ClipRequest, look
-from unshutter.video.clip_gyro import ClipGyro, check_level, level_turns
+from unshutter.video.clip_gyro import ClipGyro, level_turns
 from unshutter.video.decode import DECODED_AHEAD, ahead, decode, frames_of
 from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import FilmWriter, RateCallback, fitted, holds_covers, start_of, writing
@@ -50,19 +50,19 @@ from unshutter.video.frame_warper import (
     side_by_side,
     with_motion,
 )
-from unshutter.video.gain import gain_of_clip
+from unshutter.video.gain import gain_of_clip, is_tested
 from unshutter.video.gyro_fit import up_directions
-from unshutter.video.lenses import lens_of_clip
 from unshutter.video.outcome import ClipMotion, ClipOutcome, MotionWriter, load
-from unshutter.video.readout import camera_of_clip, too_little_to_see
+from unshutter.video.readout import too_little_to_see
 from unshutter.video.stabilisation import CameraPath, Stabilisation, stabilised
+from unshutter.video.survey import Survey, survey
 
 if TYPE_CHECKING:
     from av import VideoFrame
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
-ReadoutCallback: TypeAlias = Callable[[ReadoutTime, float], None]  # receives the ratio and the frame interval [s]
+ReadoutCallback: TypeAlias = Callable[[ReadoutTime, float], None]  # receives the time and the frame interval [s]
 
 
 @no_opencv_threads()  # the pipeline has its own
@@ -70,7 +70,7 @@ def rectify_clip_file(
     source: str,
     output: str,
     options: RectifyClip,
-    ratio: ReadoutTime | None = None,
+    found: Camera | None = None,
     watch: Watch | None = None,
     on_readout: ReadoutCallback | None = None,
     on_rate: RateCallback | None = None,
@@ -78,17 +78,17 @@ def rectify_clip_file(
     """Writes a clip without its rolling-shutter distortion. Prints nothing.
 
     Args:
-        ratio: the readout ratio, if already known; ignored if the options state it.
+        found: what is known of the camera from an earlier look; its readout time is ignored if the options state it.
         watch: called for every frame.
-        on_readout: called once the readout ratio is found, which may be long before the clip is done.
+        on_readout: called once the readout time is found, which may be long before the clip is done.
         on_rate: called early if the new film will be much larger or smaller than the clip (see ``FilmWriter``).
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
     clip = look(path, options.max_pixels, until_s=options.end)
     _check_clip(clip, options)
     film = _Output.of(clip, options, target)
-    pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
-    result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
+    pipeline = _pipeline(ClipRequest.of(clip, options, watch), found, on_readout)
+    result = ClipOutcome(source, output, pipeline.time, clip.interval_s, options.undo.model)
     result.after_killed_run, result.gyro, result.lens = after_killed_run, pipeline.gyro, pipeline.request.lens
     height, width = pipeline.request.frame_size
     if result.lens is not None:
@@ -143,14 +143,12 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
 
 
 def _check_clip(clip: ClipFacts, options: RectifyClip) -> None:
-    """Checks that a clip is whole, and that it, its gyro log and the table of cameras have what the options need."""
+    """Checks that a clip is whole, and that it and the table of cameras have what the options need."""
     end_s = clip.expected.end_s
     if options.start is not None and end_s is not None and options.start >= end_s:
         raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: {{--start}} must come before that", clip=clip.path)
     if options.shutter.camera is not None:
         cameras.listed(options.shutter.camera)  # even if the clip has a readout time of its own
-    if options.steadiness.level:
-        check_level(clip, options.shutter.gyro)
     clip.check_whole()
 
 
@@ -165,9 +163,9 @@ def _on_this_machine(source: str) -> str:
 # ---- the steps for a clip ---------------------------------------------------------------------------------
 
 
-def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: ReadoutCallback | None) -> Pipeline:
+def _pipeline(request: ClipRequest, found: Camera | None, on_readout: ReadoutCallback | None) -> Pipeline:
     """Returns the steps for a clip, with readout time and direction from the motion file, the options or the clip."""
-    clip, options, search = request.clip, request.options, ratio is None
+    clip, options = request.clip, request.options
     if options.motion is not None:
         motion = load(options.motion)
         if (motion.height, motion.width) != (clip.height, clip.width):
@@ -175,26 +173,34 @@ def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: Reado
                 f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "
                 f"{clip.width}x{clip.height}: it belongs to another clip"
             )
-        ratio = ReadoutTime(motion.ratio, 0.0, "motion file", unit_s=clip.interval_s)
-        return Pipeline(replace(request, readout=motion.readout, lens=motion.lens), ratio, motion)
-    check_focal(options.shutter.focal_px, request.frame_size[0])
-    request = replace(request, lens=lens_of_clip(request))
-    ratio, gyro = camera_of_clip(request, ratio)
-    pipeline = Pipeline(request, ratio, gyro=gyro)
-    if ratio.declined is not None:
-        return replace(pipeline, unmoved=ratio.declined)
-    if ratio.plausible is not None and options.steadiness.stabilize is None:
-        visibility = too_little_to_see(request, ratio.plausible[1])
+        time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
+        return Pipeline(replace(request, readout=motion.readout, lens=motion.lens), time, motion)
+    camera, evidence = find_camera(request, found)
+    request = replace(request, lens=camera.lens)
+    pipeline = Pipeline(request, camera.readout, gyro=camera.gyro)
+    reason = _reason_to_leave(request, camera, evidence)
+    if reason is not None and reason != camera.readout.declined and not evidence.is_whole:  # now all frames are asked
+        evidence = survey(request, [(options.start, options.end)], request.steps("looking")).through(camera.lens)
+        reason = _reason_to_leave(request, camera, evidence)
+    searched = found is None and camera.readout.source is not ReadoutSource.GIVEN
+    is_used = camera.readout.declined is None and (reason is None or reason.code is not Code.NOTHING_TO_SEE)
+    if searched and is_used and on_readout is not None:
+        on_readout(camera.readout, clip.interval_s)
+    return replace(pipeline, unmoved=reason, frames=len(evidence.parts[0]) if evidence.is_whole else None)
+
+
+def _reason_to_leave(request: ClipRequest, camera: Camera, evidence: Survey) -> Reason | None:
+    """Returns why a clip is to be left unchanged, as its tracked frames show; None if it is to be straightened."""
+    time, options = camera.readout, request.options
+    if time.declined is not None:
+        return time.declined
+    if time.plausible_s is not None and options.steadiness.stabilize is None:
+        visibility = too_little_to_see(request, evidence, time.longest_s)
         if visibility is not None:
-            reason = Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
-            return replace(pipeline, unmoved=reason, frames=visibility.frames)
-    if search and ratio.source != GIVEN and on_readout is not None:
-        on_readout(ratio, clip.interval_s)
-    if ratio.source != GIVEN and options.undo.model == "camera" and 0 < options.undo.strength <= 1:
-        gain = gain_of_clip(request, ratio, gyro and gyro.turns)
-        if (reason := gain.declined()) is not None:
-            return replace(pipeline, unmoved=reason, frames=gain.frames)
-    return pipeline
+            return Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
+    if time.source is ReadoutSource.GIVEN or not is_tested(options):
+        return None
+    return gain_of_clip(request, time, camera.gyro and camera.gyro.turns, evidence).declined()
 
 
 def _straight_view(request: ClipRequest) -> StraightView:
@@ -246,7 +252,7 @@ class Pipeline:
     """The processing steps of a clip's frames."""
 
     request: ClipRequest
-    ratio: ReadoutTime  # readout time in frame intervals
+    time: ReadoutTime
     file_motion: ClipMotion | None = None  # motion from a file; None to estimate it from the frames
     unmoved: Reason | None = None  # why no frame is changed; None if frames are rectified
     frames: int | None = None  # number of frames, if all were examined to find that none is to be changed
@@ -264,7 +270,7 @@ class Pipeline:
         if self.stabilisation is not None or self.unmoved is not None or self.file_motion is not None:
             return self._with_known_motion(decoded)
         whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
-        moving = with_motion(self.request, decoded, self.ratio, self.gyro and self.gyro.turns, whole_path)
+        moving = with_motion(self.request, decoded, self.time, self.gyro and self.gyro.turns, whole_path)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
     def _straightened(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
@@ -291,7 +297,7 @@ class Pipeline:
         request, undo = self.request, self.request.options.undo
         moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
         if undo.model == "dense" and undo.strength and self.unmoved is None:
-            moving = ahead(linked(request, moving, self.ratio.value), _LINKED_AHEAD)
+            moving = ahead(linked(request, moving, self.time.ratio(request.clip.interval_s).value), _LINKED_AHEAD)
         return side_by_side(warper, moving, thread_count())
 
 
@@ -353,7 +359,7 @@ def _write_film(
         if options.save_motion is not None:
             motion_part = stack.enter_context(written_whole(options.save_motion, options.overwrite))
             stream = stack.enter_context(motion_part.open("w", encoding="utf-8"))
-            motions = MotionWriter(stream, pipeline.request, pipeline.ratio)
+            motions = MotionWriter(stream, pipeline.request, pipeline.time)
         source, frames_file = stack.enter_context(clip.opened()), None
         if film.into_copy or holds_covers(film.kind, clip):
             frames_file = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))

@@ -8,9 +8,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.video import containers
-from unshutter.video.clip import ClipFacts, ClipRequest, interlaced
+from unshutter.video.clip import ClipFacts, interlaced
 from unshutter.video.containers import FilmFile
 
 if TYPE_CHECKING:
@@ -91,28 +90,3 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
                 future.cancel()
             if isinstance(source, Generator):
                 thread.submit(source.close)
-
-
-COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
-_FOLLOWED_AHEAD = 3  # frames
-
-
-def followed(
-    request: ClipRequest, start: float | None, end: float | None, side: int = COPY_SIDE
-) -> Iterator[tuple[VideoFrame, float | None, Tracks | None, Background | None]]:
-    """Yields the frames between two times [s], each with tracks of corners since the previous one.
-
-    Args:
-        start, end: the times; None means no limit.
-        side: short side of the grey copies in which corners are tracked [px].
-
-    Yields:
-        The frame; the time since the previous one (:meth:`ClipFacts.since`); and, except for the first frame, all
-        tracks and those of the background.
-    """
-    clip, before, grey_before = request.clip, None, None
-    for frame in ahead(frames_of(clip, start, end), _FOLLOWED_AHEAD):
-        grey = request.grey(frame, side)
-        tracks = None if grey_before is None else follow(grey_before, grey, request.lens)
-        yield frame, clip.since(before, frame), tracks, None if tracks is None else background(tracks)
-        before, grey_before = frame, grey

@@ -30,7 +30,6 @@ from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip import COLOURS, ClipFacts, ClipRequest
-from unshutter.video.decode import COPY_SIDE
 from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, warp_plane
 from unshutter.video.gyro_fit import GyroTurns
 
@@ -44,6 +43,7 @@ _ALMOST_ALL = 0.8  # share of the picture found in both frames
 _MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this large, the flow is computed at half the size
 ROWS = 65  # of the small pictures to which the motions of clips refer
 GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
+COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
 FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
 _FADED = 5  # frames, over which the correction of a clip fades where no motion is found
 _MARGIN = 4  # extra frames on both sides of a window, for stability
@@ -81,8 +81,17 @@ def camera_motion(
     focal_px = focal_px or (request.focal and request.focal * request.frame_size[0])
     if focal_px is None and turns is not None:
         focal_px = turns.focal_px(request.frame_size[0])
-    more = {"window": window_for(request.clip.frame_bytes), "fewest": FEWEST, "turns": turns, "lens": request.lens}
-    return CameraMotion(time, focal_px, request.readout, whole_path=whole_path, keep_out=keep_out, **more)
+    return CameraMotion(
+        ratio=time.ratio(request.clip.interval_s),
+        focal_px=focal_px,
+        readout=request.readout,
+        window=window_for(request.clip.frame_bytes),
+        fewest=FEWEST,
+        turns=turns,
+        whole_path=whole_path,
+        keep_out=keep_out,
+        lens=request.lens,
+    )
 
 
 def grey_copies(request: ClipRequest, frames: Iterable[VideoFrame]) -> Iterator[GreyFrame | None]:

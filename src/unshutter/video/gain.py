@@ -8,7 +8,7 @@ are sheared alike, which no two of them show.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,25 +19,25 @@ from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion
 from unshutter.motion.shapes import Float64
-from unshutter.options.clip_options import ClipUndo
-from unshutter.progress import Steps
+from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.decode import ahead, frames_of
-from unshutter.video.frame_warper import camera_motion, grey_copies, small_motion
+from unshutter.video.frame_warper import camera_motion, small_motion
 from unshutter.video.gyro_fit import GyroTurns
+from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
 
 _KEPT_OUT = 4  # every fourth track
-_RUNS, _RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
+RUNS, RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
+ALL = 2 * RUNS * RUN  # frames: of a clip that has no more, all are examined
 _FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
 _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
-_SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
+_SURE, SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
 _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
 _PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
-_ROUNDS, _AHEAD = 4, 3  # of reweighting; frames decoded ahead
+_ROUNDS = 4  # of reweighting
 
 
 @dataclass(eq=False)
@@ -120,37 +120,36 @@ def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) ->
     return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
 
 
-def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None) -> Gain:
-    """Finds what undoing the motion of a clip gains: from 60 pairs of frames or, if it is to be left, from all."""
-    begin, end = request.span
-    length_s = _RUN * request.clip.interval_s
-    if end - begin > 1.5 * _RUNS * length_s:
-        starts = np.linspace(begin, end - 1.1 * length_s, _RUNS)
-        gain = _examined(request, time, turns, [(float(start), float(start) + length_s) for start in starts])
-        if gain.declined(_SURE_OF_FEW) is None:
-            return gain
-    return _examined(request, time, turns, [(request.options.start, request.options.end)], request.steps("looking"))
+def is_tested(options: RectifyClip) -> bool:
+    """Whether the gain decides on a clip, if the user does not state its readout time."""
+    return options.undo.model == "camera" and 0 < options.undo.strength <= 1
+
+
+def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, evidence: Survey) -> Gain:
+    """Finds what undoing the motion of a clip gains: from some 60 pairs of its tracked frames or, if these are all
+    frames and it is to be left, from all.
+    """
+    if evidence.is_whole and len(evidence.parts[0]) <= ALL:
+        return _examined(request, time, turns, evidence.parts)
+    gain = _examined(request, time, turns, evidence.runs(RUNS, RUN))
+    if gain.declined(SURE_OF_FEW) is None or not evidence.is_whole:
+        return gain
+    return _examined(request, time, turns, evidence.parts)
 
 
 def _examined(
-    request: ClipRequest,
-    time: ReadoutTime,
-    turns: GyroTurns | None,
-    parts_s: Sequence[tuple[float | None, float | None]],
-    steps: Steps | None = None,
+    request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, parts: Iterable[Sequence[TrackedFrame]]
 ) -> Gain:
     """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
     gain, focal_px = Gain(), None
-    for part in parts_s:
+    for part in parts:
         before = None
-        camera = camera_motion(request, time, turns, whole_path=True, keep_out=_KEPT_OUT, focal_px=focal_px)
-        for motion in camera.motions(grey_copies(request, ahead(frames_of(request.clip, *part), _AHEAD))):
+        finder = camera_motion(request, time, turns, whole_path=True, keep_out=_KEPT_OUT, focal_px=focal_px)
+        for motion in finder.motions(tracked_copies(request, part)):
             gain.add(before, motion, request.options.undo)
             before = motion
             if motion.fit is not None:
                 focal_px = motion.fit.focal_px * motion.height / ROWS
-            if steps is not None:
-                steps.advance()
     return gain
 
 

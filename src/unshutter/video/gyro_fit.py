@@ -58,10 +58,9 @@ class Adjustment:
 
     log: GyroLog
     pairs: Sequence[Pair]  # tracks between frames; at most ``_MOST_TRACKS`` of each pair are used
-    # expected focal length [px of ROWS rows]. focal_known, ratio_known: whether to keep these fixed.
-    usual_focal_px: float
-    focal_known: bool = False
-    ratio_known: bool = False
+    usual_focal_px: float  # expected focal length [px of ROWS rows]
+    focal_known: bool = False  # whether to keep the focal length fixed
+    ratio_known: bool = False  # whether to keep the readout ratio fixed
     _turns: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:

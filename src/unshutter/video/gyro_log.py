@@ -22,7 +22,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.motion.shapes import Float64
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.storage.files import check_plain
 from unshutter.video import gpmf
 
@@ -253,7 +253,7 @@ def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
         if {"ax", "ay", "az"} <= set(columns):
             along = values[:, [columns.index(key) for key in ("ax", "ay", "az")]] * scale["ascale"] * GRAVITY
             force = np.concatenate([times[:, None], along], axis=1)
-    stated = ReadoutTime.of_ms(readout_ms, "gyro log", name) if 0 < readout_ms < math.inf else None
+    stated = ReadoutTime.of_ms(readout_ms, ReadoutSource.GYRO_LOG, name) if 0 < readout_ms < math.inf else None
     return GyroLog(times, rates, name, force, stated)
 
 
@@ -261,9 +261,9 @@ def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
 class Pair:
     """Tracks from one frame to a later one, and the times of both frames."""
 
-    tracks: Tracks  # tracks of the background. begin_s, end_s: times of the two frames on the clip's clock [s].
-    begin_s: float
-    end_s: float
+    tracks: Tracks  # tracks of the background
+    begin_s: float  # time of the first frame on the clip's clock [s]
+    end_s: float  # time of the second [s]
 
 
 @dataclass(frozen=True, eq=False)

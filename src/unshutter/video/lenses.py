@@ -14,7 +14,7 @@ Errors of tracks follow Student's t.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice, pairwise
@@ -25,23 +25,23 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.camera import DEGREES, ROWS, padded_ends, student_weights, turn_jacobian
 from unshutter.frames.self_calibration import fewer
-from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
+from unshutter.frames.tracks import Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.storage.files import read_text
 from unshutter.video import cameras
 from unshutter.video.clip import ClipRequest
-from unshutter.video.decode import followed
+from unshutter.video.survey import Survey, TrackedFrame
 
 
-def lens_of_clip(request: ClipRequest) -> Lens | None:
+def lens_of_clip(request: ClipRequest, evidence: Survey) -> Lens | None:
     """Returns the lens of a clip's camera if it bends lines, or None if it does not or nothing tells."""
     shutter = request.options.shutter
     if shutter.lens is not None:
         return lens_of_file(Path(shutter.lens), request)
     if shutter.focal_px is not None:
         return None
-    return lens_in_frames(request) or _listed(request)
+    return lens_in_survey(evidence) or _listed(request)
 
 
 # ---- a lens file -----------------------------------------------------------------------------------------------
@@ -124,8 +124,9 @@ def _value(text: str, names: Sequence[str], form: str) -> str:
 
 # ---- the frames ------------------------------------------------------------------------------------------------
 
-# frames of a part, and parts: the first is examined roughly, the next if lines may be bent, all if that is too vague
-_PART, _PARTS = 13, 6
+# frames of a part; the first is examined roughly, the next if lines may be bent, all if that is too vague
+PART = 13
+FIRST, FURTHER = 2 * PART, 4  # frames of the first two parts, and number of parts after these
 _FEWEST = 10  # pairs of frames
 _LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
 _LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
@@ -145,33 +146,41 @@ _NARROW = np.radians(20)  # from the axis to the corner: such lenses do not bend
 _SURE_CORNER, _SURE_ENOUGH = 0.01, 0.02
 
 
-def lens_in_frames(request: ClipRequest) -> Lens | None:
-    """Finds the lens in parts of a clip; None if it keeps lines straight, or if the frames do not tell."""
-    (begin, end), length_s = request.span, _PART * request.clip.interval_s
-    others = min(_PARTS, int((end - begin) / length_s)) - 2
+def lens_in_survey(evidence: Survey) -> Lens | None:
+    """Finds the lens in tracked frames of a clip; None if it keeps lines straight, or if the frames do not tell."""
+    if not evidence.parts:
+        return None
+    first, further = _shown(evidence.parts[0][:FIRST]), evidence.runs(FURTHER, PART, skipped=FIRST)
+    return _lens_in(first[:PART], first[PART:], (tracks for run in further for tracks in _shown(run)))
 
-    def tracks(starts: Iterable[float], length_s: float) -> Iterator[Tracks]:
-        for start in starts:
-            for _, since, tracks, straight in followed(request, start, start + length_s, TRACKED_SIDE):
-                if since is not None and tracks is not None and straight is not None and not straight.cut:
-                    yield tracks
 
-    first = tracks([begin], 2 * length_s)
-    spread = np.linspace(begin + 2 * length_s, end - 1.01 * length_s, max(others, 0))
-    return _lens_in(islice(first, _PART), first, tracks(spread.tolist(), length_s))
+def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
+    """Returns the tracks between consecutive frames that show one scene."""
+    pairs = ((frame.since, frame.tracks, frame.background) for frame in frames[1:])
+    return [tracks for since, tracks, plane in pairs if since is not None and tracks and plane and not plane.cut]
+
+
+def may_bend_lines(evidence: Survey) -> bool:
+    """Whether a look at a clip's first frames leaves it open that its lens bends lines."""
+    pairs = _moving(_shown(evidence.parts[0][: PART + 1])) if evidence.parts else []
+    return len(pairs) < _FEWEST or _may_bend(pairs)
+
+
+def _may_bend(pairs: Sequence[Tracks]) -> bool:
+    return _roughly(pairs)[0] >= _HOPELESS * _SURE / 2
 
 
 def lens_in_greys(greys: Iterable[UInt8[np.ndarray, "rows columns"]]) -> Lens | None:
     """Finds the lens in grey copies of the first frames of a clip, and takes no more of them than it needs."""
     pairs = (follow(before, after) for before, after in pairwise(greys))
     same = (pair for pair in pairs if not background(pair).cut)
-    return _lens_in(*(islice(same, _PART * many) for many in (1, 1, _PARTS - 2)))
+    return _lens_in(*(islice(same, PART * many) for many in (1, 1, FURTHER)))
 
 
 def _lens_in(first: Iterable[Tracks], *others: Iterable[Tracks]) -> Lens | None:
     """Finds the lens in tracks of some frames, or of more if it is too vague in those."""
     pairs = _moving(first)
-    if len(pairs) >= _FEWEST and _roughly(pairs)[0] < _HOPELESS * _SURE / 2:
+    if len(pairs) >= _FEWEST and not _may_bend(pairs):
         return None
     for part in others:
         pairs += _moving(part)
@@ -365,15 +374,15 @@ def table() -> tuple[LensProfile, ...]:
     """Returns all known lenses, sorted by brand, model, lens and mode."""
     return tuple(
         LensProfile(
-            line["brand"],
-            line["model"],
-            line["lens"],
-            int(line["width"]),
-            int(line["height"]),
-            float(line["focal"]),
-            (float(line["axis_x"]), float(line["axis_y"])),
-            tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
-            int(line["profiles"]),
+            brand=line["brand"],
+            model=line["model"],
+            lens=line["lens"],
+            width=int(line["width"]),
+            height=int(line["height"]),
+            focal=float(line["focal"]),
+            axis=(float(line["axis_x"]), float(line["axis_y"])),
+            k=tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
+            profiles=int(line["profiles"]),
         )
         for line in cameras.lines_of("lenses.csv")
     )

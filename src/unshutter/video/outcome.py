@@ -23,7 +23,7 @@ from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion_file import reason_of
 from unshutter.orientation import Readout
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.storage.files import read_text
 from unshutter.version import __version__
@@ -45,7 +45,7 @@ class ClipOutcome:
 
     Attributes:
         source, output: the clip and the new one, as named by the user.
-        ratio: readout time in frame intervals, and its source.
+        readout: readout time, and its source.
         interval_s: the usual time from one frame to the next [s].
         model: the motion model requested.
         written: whether there is a new clip; False if nothing changed and only changes were requested.
@@ -66,7 +66,7 @@ class ClipOutcome:
 
     source: str
     output: str
-    ratio: ReadoutTime
+    readout: ReadoutTime
     interval_s: float
     model: FrameModel
     written: bool = True
@@ -93,9 +93,14 @@ class ClipOutcome:
         return dict(counts)
 
     @property
+    def ratio(self) -> ReadoutRatio:
+        """Readout time of a frame as a share of the time between frames."""
+        return self.readout.ratio(self.interval_s)
+
+    @property
     def readout_ms(self) -> float:
         """Readout time of a frame [ms]."""
-        return self.ratio.ms
+        return self.readout.ms
 
     @property
     def gap_s(self) -> tuple[float, float] | None:
@@ -125,7 +130,7 @@ class ClipOutcome:
 
     def as_json(self) -> dict[str, Any]:
         """Returns the record of the run for the log."""
-        plausible = self.ratio.plausible_ms
+        plausible, ratio = self.readout.plausible_ms, self.ratio
         return {
             "source": self.source,
             "output": self.output,
@@ -138,10 +143,10 @@ class ClipOutcome:
             "declined": [{**reason.as_json(), "frames": count} for reason, count in self.reasons.items()],
             "cuts_s": self.cuts_s,
             "left_out": self.left_out,
-            "readout_ratio": self.ratio.value,
-            "readout_ratio_sd": self.ratio.error or None,
+            "readout_ratio": ratio.value,
+            "readout_ratio_sd": ratio.error or None,
             "readout_ms": self.readout_ms,
-            "found_by": self.ratio.source,
+            "found_by": self.readout.source,
             **({} if self.gyro is None else {"gyro": self.gyro.as_json()}),
             **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
             **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),
@@ -192,8 +197,9 @@ class ClipMotion:
 class MotionWriter:
     """Writes a motion file frame by frame."""
 
-    def __init__(self, stream: TextIO, request: ClipRequest, ratio: ReadoutTime):
+    def __init__(self, stream: TextIO, request: ClipRequest, time: ReadoutTime):
         self._stream, self._separator, clip = stream, "", request.clip
+        ratio = time.ratio(clip.interval_s)
         head = {
             "format": FORMAT,
             "unshutter": __version__,

@@ -20,7 +20,7 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.motion import RowMotion
 from unshutter.options import Camera, Reference
 from unshutter.photo import Photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.case import Answer, Case, Example, Loaded, Record, ask, compared, in_8_bits, rectified
 from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
@@ -203,7 +203,7 @@ class SequenceCase(Case):
         record |= {"epe": float(np.mean(errors)), "worst_epe": max(errors), "epe_nothing": float(np.mean(nothing))}
         return record | (self._of_ratio(ratio) if name == RATIO_ESTIMATED else {})
 
-    def _of_ratio(self, ratio: ReadoutTime | None) -> Record:
+    def _of_ratio(self, ratio: ReadoutRatio | None) -> Record:
         if ratio is None:
             return {"ratio_told": False}
         error = abs(ratio.value - self.ratio)
@@ -212,9 +212,9 @@ class SequenceCase(Case):
 
     def _motions(
         self, name: str, camera: TurningCamera, frames: list[np.ndarray], numbers: list[int], loaded: Loaded
-    ) -> tuple[list[Answer], ReadoutTime | None]:
+    ) -> tuple[list[Answer], ReadoutRatio | None]:
         if name in self.oracles:
-            known = ReadoutTime(self.ratio, 0.0, "the truth") if name == RATIO_KNOWN else None
+            known = ReadoutRatio(self.ratio) if name == RATIO_KNOWN else None
             finder = CameraMotion(known)
             motions = [frame.motion() for frame in finder.frames(frames)]
             return [Answer(motions[k], declined=str(motions[k].reason or "")) for k in numbers], finder.ratio

@@ -226,7 +226,7 @@ class PairCase(Case):
         """
         photo = Photo.open(self.frame.rs)
         before, after = (path and Photo.open(path) for path in neighbours_of(self.frame))
-        readout = Clock(self.readout_ratio or 1).readout_time
+        readout = Clock(self.readout_ratio or 1).stated_ratio
         options = SequenceOptions(readout, Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=FRAMES[name])
         figures: Record = {"declined": "", "failed": "", "confidence": None}
         try:

@@ -19,7 +19,7 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import Camera as Stated
 from unshutter.photo import Photo
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.case import Answer, Case, Example, Loaded, Record, ask, compared
 from unshutter_lab.evaluation.exam import Exam, ExamCase
@@ -171,7 +171,7 @@ class PlaceClip(_Drawn, Case):
     ) -> dict[int, Answer]:
         """Returns answers by the number of the frame: of all frames, or of the middle one."""
         if name in self.oracles:
-            known = ReadoutTime(turning.readout_ratio, 0.0, "the truth") if name == RATIO_KNOWN else None
+            known = ReadoutRatio(turning.readout_ratio) if name == RATIO_KNOWN else None
             motions: list[Motion] = [frame.motion() for frame in CameraMotion(known).frames(frames)]
             return {k: Answer(motion, declined=str(motion.reason or "")) for k, motion in enumerate(motions)}
         middle = self.suite.frames // 2
