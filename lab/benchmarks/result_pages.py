@@ -18,8 +18,9 @@ from confidence_page import PAGE as CONFIDENCE
 from confidence_page import write_confidence_page
 from summary_page import summary
 
-from unshutter import errors
 from unshutter.errors import UnshutterError
+from unshutter.single import Method
+from unshutter_lab import methods
 from unshutter_lab.evaluation.plots import draw_plots
 from unshutter_lab.evaluation.protocols import PROTOCOLS
 from unshutter_lab.evaluation.results import Results
@@ -31,6 +32,7 @@ READINGS = "readings.toml"  # by hand, too: the line at the top of each page
 KEPT = [READING, "paper-networks.md"]  # the latter is paper_networks.py's
 # what ``unshutter models`` prints: file of a package -> whether it is the lab's
 SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
+LAB_METHODS = {method.name for method in vars(methods).values() if isinstance(method, Method)}
 _ORDER = ("places", "synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
 BACK = "[All results](index.md)"
@@ -106,7 +108,7 @@ def _scores(results: Results, of_lab: bool) -> str:
     """JSON: estimator of a package -> set of photos -> median EPE [px at 256 rows] and share of photos improved."""
     scores: dict[str, dict[str, dict[str, float]]] = {}
     for name in results.estimators:
-        if (name in errors.LAB_METHODS) != of_lab:
+        if (name in LAB_METHODS) != of_lab:
             continue
         for group in results.distinct("group"):
             error, nothing = (results.values(key, estimator=name, group=group) for key in ("epe", "epe_nothing"))
