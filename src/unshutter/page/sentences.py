@@ -51,7 +51,7 @@ _ADVICE: dict[Code, tuple[str, ...]] = {
 
 
 def sentence(reason: Reason, confidence: float | None = None) -> str:
-    """Returns a reason in the page's words, with a verdict's confidence where that means something."""
+    """Words a reason as the page does, with a verdict's confidence where that means something."""
     figures = dict(reason.figures)
     if figures.get("segments") == 1:
         return _ONE_LINE
@@ -71,7 +71,7 @@ def advice(reason: Reason, cause: Cause | None = None) -> tuple[str, ...]:
 
 
 def verdict_json(verdict: Verdict) -> dict[str, Any]:
-    """Returns a verdict as JSON, its reasons in the page's words and with advice."""
+    """Returns a verdict as JSON, worded for the page and with advice."""
     data = verdict.as_json()
     if verdict.reason is not None and not verdict.undoes:
         said = sentence(verdict.reason, verdict.confidence)

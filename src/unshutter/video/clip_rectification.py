@@ -179,7 +179,8 @@ def _pipeline(request: ClipRequest, found: Camera | None, on_readout: ReadoutCal
     request = replace(request, lens=camera.lens)
     pipeline = Pipeline(request, camera.readout, gyro=camera.gyro)
     reason = _reason_to_leave(request, camera, evidence)
-    if reason is not None and reason != camera.readout.declined and not evidence.is_whole:  # now all frames are asked
+    by_frames = reason is not None and camera.readout.declined is None
+    if by_frames and not evidence.is_whole:  # now all frames are asked
         evidence = survey(request, [(options.start, options.end)], request.steps("looking")).through(camera.lens)
         reason = _reason_to_leave(request, camera, evidence)
     searched = found is None and camera.readout.source is not ReadoutSource.GIVEN
