@@ -297,7 +297,7 @@ def test_the_photo_leans_as_it_is_pulled(page: Page, pole: Path, at: float) -> N
     expect(page.locator(".handle")).to_be_visible()
 
 
-@pytest.mark.parametrize("orientation", [3, thorough(5), 6, thorough(8)])
+@pytest.mark.parametrize("orientation", [thorough(3), thorough(5), 6, thorough(8)])
 def test_a_photo_that_is_stored_on_its_side_leans_the_way_it_is_pulled(
     page: Page, tmp_path: Path, orientation: int
 ) -> None:

@@ -143,6 +143,13 @@ def test_a_search_that_is_cancelled_waits_for_the_user(page: Page, tmp_path: Pat
     page.locator("#clip-strength").fill("50")  # does not begin it again
     expect(page.get_by_role("button", name="Save this clip")).to_be_disabled()
     wait_for(page, "asking")
+
+
+@pytest.mark.thorough
+def test_a_search_that_was_cancelled_is_begun_again(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "long.mp4", clips.moving(60)[1]))
+    page.locator("#player").get_by_role("button", name="Cancel").click()
+    wait_for(page, "asking")
     page.locator("#clip-readout-unit").select_option("find")
     expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
     expect(page.locator("#clip-panel")).to_contain_text("Found: ")

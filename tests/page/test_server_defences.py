@@ -69,6 +69,7 @@ def test_a_crash_is_survived(client: httpx.Client, photo: Path) -> None:
     assert client.get(f"/api/photos/{id}/after").status_code == 200
 
 
+@pytest.mark.thorough
 def test_two_hundred_requests_at_once(tmp_path: Path, photo: Path) -> None:
     """Some are done, the others told to come again; memory stays bounded, and then all is as before."""
     data = photo.read_bytes() + bytes(2 * MB)  # what follows a JPEG's end is nobody's

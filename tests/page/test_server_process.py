@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from support.covering import thorough
 from support.page_server import LONG_S, Server, becomes, opened, rss, served, start, temporary_folders
 
 MB = 1_000_000
@@ -41,7 +42,7 @@ def test_a_port_that_is_taken(server: Server, tmp_path: Path) -> None:
     assert code == 1 and "Address already in use; --port 0" in out and out.count("\n") == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [thorough(signal.SIGINT), signal.SIGTERM, thorough(signal.SIGHUP)])
 def test_nothing_is_left(tmp_path: Path, photo: Path, number: int) -> None:
     home = tmp_path / "home"
     with served(home) as server, server.client() as client:

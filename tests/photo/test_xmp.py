@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from support.covering import covering
 from support.drawn_photos import drawn, encoded
 from support.motion_photos import FILM, GAIN_MAP, WITH_ALL, item, motion_photo, packet
 from support.tagged_files import exif_blob, jpeg_with
@@ -20,22 +21,24 @@ LAUGHS = b'<!DOCTYPE l [<!ENTITY a "ha">%s]><x>&l9;</x>' % b"".join(
 )
 
 
+LONG = [
+    RDF % b"<rdf:Description rdf:about=''/>" + b" " * 2_000_000 + b"tiff:ImageWidth",
+    RDF % b"<rdf:Description rdf:about=''/>" + b"<xmp:Thumbnails " * 50_000,
+    RDF % (b"<xmp:Thumbnails>" * 50_000),
+    RDF % (b"<rdf:li>" * 50_000 + b"</rdf:li>" * 50_000) + b"<!--Container-->",
+    packet("<rdf:li>" * 30_000 + "</rdf:li>" * 30_000),
+    packet("<Container:Directory>" * 30_000 + "</Container:Directory>" * 30_000),
+    RDF % (b"<a/>" * 500_000 + b"<tiff:ImageWidth>3</tiff:ImageWidth>"),
+    RDF % b"".join(b'<a xmlns:n%d="u">' % i for i in range(20_000)) + b"tiff:ImageWidth",
+    LAUGHS,
+]
+
+
 @pytest.mark.parametrize(
-    "text",
-    [
-        RDF % b"<rdf:Description rdf:about=''/>" + b" " * 2_000_000 + b"tiff:ImageWidth",
-        RDF % b"<rdf:Description rdf:about=''/>" + b"<xmp:Thumbnails " * 50_000,
-        RDF % (b"<xmp:Thumbnails>" * 50_000),
-        RDF % (b"<rdf:li>" * 50_000 + b"</rdf:li>" * 50_000) + b"<!--Container-->",
-        packet("<rdf:li>" * 30_000 + "</rdf:li>" * 30_000),
-        packet("<Container:Directory>" * 30_000 + "</Container:Directory>" * 30_000),
-        RDF % (b"<a/>" * 500_000 + b"<tiff:ImageWidth>3</tiff:ImageWidth>"),
-        RDF % b"".join(b'<a xmlns:n%d="u">' % i for i in range(20_000)) + b"tiff:ImageWidth",
-        LAUGHS,
-    ],
-    ids=["spaces", "openings", "open", "nested", "items", "directories", "elements", "namespaces", "entities"],
+    ("text", "film"),
+    covering(LONG, [xmp.FilmPlace(0, len(FILM), len(FILM)), None]),
+    ids=lambda value: type(value).__name__,
 )
-@pytest.mark.parametrize("film", [xmp.FilmPlace(0, len(FILM), len(FILM)), None])
 def test_no_packet_takes_long(text: bytes, film: xmp.FilmPlace | None) -> None:
     start = time.process_time()
     xmp.updated(text, NEXT._replace(film=film))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from support.batches import start_rectify
+from support.covering import thorough
 from support.drawn_photos import textured
 from unshutter import Motion, RowMotion
 from unshutter.motion.warp import rectify_pixels
@@ -37,7 +38,7 @@ def test_pictures_go_when_nobody_needs_them(motion: Motion) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the peak memory of a child process")
-@pytest.mark.parametrize("given", [True, False], ids=["with a motion", "with estimates"])
+@pytest.mark.parametrize("given", [True, thorough(False)], ids=["with a motion", "with estimates"])
 def test_many_photos_need_no_more_than_few(
     given: bool, motion: Motion, rolling_facade: np.ndarray, tmp_path: Path
 ) -> None:

@@ -89,6 +89,11 @@ def test_a_stabilised_clip_is_copied_where_its_readout_time_would_be_guessed(tmp
     _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", "off")
     assert "gyro" not in record and "--gyro off" not in printed
     assert "gyro-disagrees" not in [reason["code"] for reason in record["declined"]]
+
+
+@pytest.mark.thorough
+def test_a_stabilised_clip_is_straightened_and_smoothed_where_that_is_asked_for(tmp_path, capsys, even):
+    clip, log = even
     _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(log), "--readout-ms", "20")
     assert record["rectified"] == 30 and "not used: the picture does not follow" in printed
     _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(log), "--stabilize", "1", "--start", "0.1")

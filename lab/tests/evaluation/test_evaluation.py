@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.covering import thorough
 from support.evaluations import one_line, rows_of, run, sequence
 from support.installed import install
 from unshutter import errors
@@ -80,7 +81,7 @@ def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> No
     assert chosen == {"a.png", "more/b.jpg"}
 
 
-@pytest.mark.parametrize("protocol", ["native", "undistorted", "portrait", "exposure", "attitude"])
+@pytest.mark.parametrize("protocol", ["native", "undistorted", thorough("portrait"), "exposure", thorough("attitude")])
 def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path) -> None:
     assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1", "--per-photo", "1") == 0
     page = (tmp_path / "results.md").read_text()
