@@ -87,8 +87,8 @@ def test_a_draft_is_the_same_picture_sooner(client: httpx.Client, photo: Path) -
         ({"lines": '[["upright", 0.1, 0.2, 0.3]]'}, "two numbers"),
         ({"lines": '[["askew", 0.1, 0.2, 0.3, 0.4]]'}, "unknown kind of line"),
         ({"lines": "[]"}, "at least one line"),
-        ({"lean-deg": "31"}, "lean must lie between"),
-        ({"turn-deg": "nan"}, "turn must lie between"),
+        ({"lean-deg": "31"}, "lean-deg must lie between"),
+        ({"turn-deg": "nan"}, "turn-deg must lie between"),
     ],
 )
 def test_what_is_refused(client: httpx.Client, photo: Path, options: dict[str, str], message: str) -> None:
