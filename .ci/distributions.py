@@ -27,7 +27,12 @@ WEIGHTS = {  # free: trained and measured for unshutter, on drawn scenes
 }
 RESEARCH = {"torch", "onnx", "sklearn", "unshutter_lab"}  # modules that no file of the product imports
 TRAINED = (".npz", ".onnx", ".pt", ".pth", ".safetensors")
-TERMS = {"unshutter": "Apache-2.0", "unshutter_lab": "Apache-2.0 AND LicenseRef-unshutter-research-weights"}
+TERMS = {
+    "unshutter": "Apache-2.0",
+    "unshutter_lab": "Apache-2.0 AND CC0-1.0 AND LicenseRef-unshutter-research-weights",
+}
+PLACES, CREDITS = "unshutter_lab/places/", "CREDITS.md"  # pictures of the benchmark, and who made them
+LARGEST_PLACES = 6_000_000  # bytes
 
 
 def product_problems(wheel: zipfile.ZipFile) -> list[str]:
@@ -55,7 +60,19 @@ def lab_problems(wheel: zipfile.ZipFile) -> list[str]:
     text = wheel.read(terms[0]).decode()
     problems = [f"no terms for {path.name}" for path in networks if path.name not in text]
     problems += [f"no card for {path}" for path in networks if str(path.with_suffix(".md")) not in wheel.namelist()]
-    return problems + licence_problems(wheel, "unshutter_lab")
+    return problems + place_problems(wheel) + licence_problems(wheel, "unshutter_lab")
+
+
+def place_problems(wheel: zipfile.ZipFile) -> list[str]:
+    """Places that nobody is credited for, and too many of them."""
+    inside = (each for each in wheel.infolist() if each.filename.startswith(PLACES))
+    files = [each for each in inside if "/" in each.filename.removeprefix(PLACES)]
+    if not files or PLACES + CREDITS not in wheel.namelist():
+        return ["no places, or no credits for them"]
+    text, size = wheel.read(PLACES + CREDITS).decode(), sum(each.file_size for each in files)
+    names = sorted({each.filename.removeprefix(PLACES).partition("/")[0] for each in files})
+    problems = [f"no credits for the place {name}" for name in names if f"| {name} |" not in text]
+    return problems + ([f"places of {size:,} bytes"] if size > LARGEST_PLACES else [])
 
 
 def licence_problems(wheel: zipfile.ZipFile, name: str) -> list[str]:

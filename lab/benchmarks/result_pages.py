@@ -37,9 +37,9 @@ _ORDER = ("places", "synthetic", "native", "trajectory", "portrait", "exposure",
 _ORDER += ("robustness", "pairs", "sequences", "video")
 BACK = "[All results](index.md)"
 ABOUT = (
-    "Errors are the median EPE (the mean distance of pixels from where they belong) in pixels of a picture of 256 "
-    "rows; gains are in PSNR over the unchanged frame. *Best other* is the method with the best mean. Each question "
-    "leads to its page, with the command that measures it and all figures as CSV."
+    "Errors are the median EPE (the mean distance of pixels from where they belong), or its mean where the table says "
+    "so, in pixels of a picture of 256 rows; gains are in PSNR over the unchanged frame. *Best other* is the method "
+    "with the best mean. Each question leads to its page, with the command that measures it and all figures as CSV."
 )
 MORE = {
     "reading.md": "Which method for my photo, and how to read the figures",
@@ -166,8 +166,10 @@ def _intro(runs: dict[str, Results]) -> str:
         f"{name} {version}" for name, version in environment.items() if name not in ("code", "machine")
     )
     return (
-        "`make results DATA=...` measures all figures. No method was trained on these photos, which are not part of "
-        "the repository.\n\n"
+        "`make benchmark METHODS=all` measures [places](places.md) from what is in the repository, and "
+        "[your own method](../research/evaluate.md#a-method-of-yours-in-the-tables) with it. `make results DATA=...` "
+        "measures all figures; its other photos are not part of the repository. No method was trained on any of "
+        "these pictures.\n\n"
         f"Commit {commit} (code {environment.get('code', '?')}), {environment.get('machine', '?')}, {versions}."
     )
 

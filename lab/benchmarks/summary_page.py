@@ -53,7 +53,12 @@ _ERROR, _MOVED, _GAIN = "EPE median", "moved > 1 px [%]", "PSNR gain [dB]"
 _REAL = ("bsrsc", "fastec", "carla")
 _LOGS = ("ios_gyro_100hz", "tumvi_room1_mocap_120hz", "phone_gyro_412hz")
 _CITIES = "York Urban / Eurasian Cities / Urban100"
+_SHAKEN = ("hand 20 ms", "hand 50 ms", "hand 100 ms", "pan 50 ms")
 QUESTIONS = (
+    Question(
+        "On places, which anyone can measure on?", "mean error in px after `rectify`, hand of 20 / 50 / 100 ms, pan",
+        "places", tuple((suite, "all") for suite in _SHAKEN), "EPE of rectify", "{:.2f}",
+    ),
     Question("Does it straighten buildings?", f"error in px, {_CITIES}", "synthetic", _of("256 px"), _ERROR),
     Question("At full size?", f"error in px, {_CITIES}", "native", _of("native size"), _ERROR),
     Question("In portrait format?", f"error in px, {_CITIES}", "portrait", _of("native size"), _ERROR),

@@ -16,8 +16,10 @@ PRODUCT = {
 LAB = {
     "unshutter_lab/weights/net.onnx": "",
     "unshutter_lab/weights/net.md": "trained so",
+    "unshutter_lab/places/CREDITS.md": "| name | author |\n| yard | nobody |\n",
+    "unshutter_lab/places/yard/posx.jpg": "",
     "unshutter_lab-1.0.dist-info/METADATA": (
-        "License-Expression: Apache-2.0 AND LicenseRef-unshutter-research-weights\n"
+        "License-Expression: Apache-2.0 AND CC0-1.0 AND LicenseRef-unshutter-research-weights\n"
         "License-File: LICENSE\nLicense-File: src/unshutter_lab/weights/LICENSE.md\n\n"
     ),
     "unshutter_lab-1.0.dist-info/licenses/LICENSE": "terms",
@@ -59,6 +61,7 @@ def test_a_wheel_as_it_should_be_passes(distributions: ModuleType, tmp_path: Pat
         ("unshutter/frames/a.py", "def f():\n    from torch import nn\n", "imports torch"),
         ("unshutter/frames/a.py", "import unshutter_lab.synthesis\n", "imports unshutter_lab"),
         ("unshutter_lab/__init__.py", "", "not of the product"),
+        ("unshutter_lab/places/yard/posx.jpg", "", "not of the product"),
         ("tests/test_a.py", "", "not of the product"),
     ],
 )
@@ -83,6 +86,15 @@ def test_a_card_or_licence_that_is_missing_is_found(name: str, distributions: Mo
 def test_a_network_without_terms_is_found(distributions: ModuleType, tmp_path: Path) -> None:
     files = LAB | {"unshutter_lab/weights/other.onnx": "", "unshutter_lab/weights/other.md": ""}
     assert distributions.lab_problems(wheel(tmp_path / "a.whl", files)) == ["no terms for other.onnx"]
+
+
+def test_places_without_credits_or_of_too_many_bytes_are_found(
+    distributions: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = LAB | {"unshutter_lab/places/street/posx.jpg": "1234567890"}
+    assert distributions.lab_problems(wheel(tmp_path / "a.whl", files)) == ["no credits for the place street"]
+    monkeypatch.setattr(distributions, "LARGEST_PLACES", 9)
+    assert distributions.lab_problems(wheel(tmp_path / "b.whl", files))[1:] == ["places of 10 bytes"]
 
 
 def test_sources_without_a_licence_or_with_the_laboratory_are_found(distributions: ModuleType) -> None:

@@ -140,27 +140,52 @@ def test_export_is_the_network(tmp_path, more):
         np.testing.assert_allclose(theirs, ours.numpy(), atol=1e-4)
 
 
-def test_an_exported_network_may_reduce_the_pictures_that_it_is_shown(tmp_path):
+@pytest.mark.parametrize("mirror", [False, True])
+def test_an_exported_network_may_see_smaller_pictures_than_it_is_shown(tmp_path, mirror):
     import cv2
     import onnxruntime
 
     torch.manual_seed(0)
-    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK | {"row_layers": 0, "shown": 96}, data=DATA), CPU)
+    more = {"row_layers": 0, "shown": 96, "mirror_average": mirror}
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK | more, data=DATA), CPU)
     network = recipe.build()
     network(torch.rand(4, 3, 64, 64))
     network.eval()
     picture = cv2.GaussianBlur(np.random.default_rng(0).random((96, 96, 3), np.float32), (0, 0), 4)
+    rs = np.ascontiguousarray(picture.transpose(2, 0, 1)[None])
     small = cv2.resize(picture, (64, 64), interpolation=cv2.INTER_LINEAR)
     with torch.no_grad():
         tx, rz = network(torch.from_numpy(small.transpose(2, 0, 1)[None]))[0][0].numpy()
     recipe.export(network, tmp_path / "model.onnx")
     session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
-    (motion,) = session.run(None, {"rs": picture.transpose(2, 0, 1)[None]})
+    (motion,) = session.run(None, {"rs": rs})
     at = (np.arange(96) + 0.5) * 64 / 96 - 0.5  # of its rows among those of the small one
     np.testing.assert_allclose(motion[0, 0], np.interp(at, np.arange(64), tx) * 1.5, atol=1e-3)
     np.testing.assert_allclose(motion[0, 1], np.interp(at, np.arange(64), rz), atol=1e-5)
-    with pytest.raises(UsageError, match="row_layers"):
-        Kandula2020Config(shown=96)
+    by_opencv = cv2.dnn.readNetFromONNX(str(tmp_path / "model.onnx"))
+    by_opencv.setInput(rs)
+    np.testing.assert_allclose(by_opencv.forward(), motion, atol=1e-4)
+
+
+def test_a_network_that_sees_smaller_pictures_starts_from_its_file(tmp_path):
+    torch.manual_seed(0)
+    more = {"row_layers": 0, "shown": 96, "mirror_average": True}
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK | more, data=DATA), CPU)
+    network, other = recipe.build(), recipe.build()
+    network(recipe.pictures(64, torch.Generator().manual_seed(0)))
+    recipe.export(network.eval(), tmp_path / "model.onnx")
+    rs = recipe.pictures(4, torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        expected, before = network(rs)[0], other.eval()(rs)[0]
+        recipe.start(other.train(), tmp_path / "model.onnx")
+        after = other.eval()(rs)[0]
+    assert (after - expected).abs().mean() < 0.1 * (before - expected).abs().mean()
+
+
+def test_a_network_that_sees_smaller_pictures_has_no_row_block_and_looks_once():
+    for more in ({"row_layers": 5}, {"row_layers": 0, "looks": 2}):
+        with pytest.raises(UsageError, match="row_layers"):
+            Kandula2020Config(shown=96, **more)
 
 
 @pytest.mark.parametrize(

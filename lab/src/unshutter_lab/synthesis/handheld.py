@@ -1,7 +1,7 @@
 """Cameras in drawn hands: which way they look, how they shake, and how they pan.
 
 A hand's angular acceleration is white from 0.2 to 8 Hz, and alike about all three axes. Its two-sided density differs
-from person to person; the logs of two rooms of TUM-VI and of a phone have 0.2 to 7 rad^2/s^4/Hz between 0.5 and 4 Hz.
+from person to person: between 1 and 4 Hz, a log of a phone has 0.3 to 0.8 rad^2/s^4/Hz, those of TUM-VI 0.5 to 5.9.
 """
 
 from __future__ import annotations

@@ -117,8 +117,8 @@ class Kandula2020Config:
             raise UsageError(f"[network]: size must be a multiple of 64, got {self.size}")
         if self.first_stride not in (1, 2):
             raise UsageError("[network]: first_stride must be 1 or 2")
-        if self.shown and self.row_layers:
-            raise UsageError("[network]: shown needs row_layers = 0")
+        if self.shown and (self.row_layers or self.looks > 1):
+            raise UsageError("[network]: shown needs row_layers = 0 and one look")
         if self.row_layers and self.row_layers < 2:
             raise UsageError("[network]: row_layers must be 0 (exact inverse) or at least 2")
 
@@ -375,15 +375,16 @@ class KandulaRecipe(PixelRecipe):
     def export(self, network: nn.Module, path: Path) -> None:
         """Writes ONNX: rs [batch, 3, r, r] RGB in 0 ... 1 -> motion [batch, 2, r], row_map [batch, r, r].
 
-        The row map is omitted if it was not trained.
+        The row map is omitted if it was not trained. With ``shown``, r is that, and the batch is one picture.
         """
         rows = self.network_config.row_layers > 0 and not self.weights.regress_only
         exported: nn.Module = Exported(network, rows)
-        config = self.network_config
-        if config.shown:
-            exported = Reducing(exported, config.size, config.shown)
-        rs = torch.rand(1, 3, config.shown or config.size, config.shown or config.size)
-        export_onnx(exported.eval().cpu(), rs, path, ["motion", "row_map"] if rows else ["motion"])
+        shown = self.network_config.shown
+        if shown:
+            exported = Shown(cast(Kandula2020, network))
+        rs = torch.rand(1, 3, shown or self.network_config.size, shown or self.network_config.size)
+        outputs = ["motion", "row_map"] if rows else ["motion"]
+        export_onnx(exported.eval().cpu(), rs, path, outputs, any_batch=not shown)
 
 
 class Exported(nn.Module):
@@ -399,18 +400,31 @@ class Exported(nn.Module):
         return (motion,) if row_map is None else (motion, row_map)
 
 
-class Reducing(nn.Module):
-    """Shows a network smaller pictures than it is given, and enlarges its answer."""
+class Shown(nn.Module):
+    """Shows a network without row block smaller pictures than it is given, one at a time, and enlarges its answer.
 
-    def __init__(self, network: nn.Module, size: int, shown: int):
+    Its operations are among those of OpenCV's dnn module from 4.11 on: no batch of two, no reversed slices.
+    """
+
+    mirrored: Tensor
+    rows: Tensor
+
+    def __init__(self, network: Kandula2020):
         super().__init__()
-        self.network, self.size, self.shown = network, size, shown
+        self.network, size, shown = network, network.config.size, network.config.shown
+        self.size = size
+        rows = F.interpolate(torch.eye(size)[None], size=shown, mode="linear")[0]  # [size, shown]
+        unit = torch.tensor([shown / size, 1.0])[:, None, None]
+        self.register_buffer("mirrored", torch.arange(size).flip(0), persistent=False)
+        self.register_buffer("rows", rows * unit, persistent=False)
 
-    def forward(self, rs: Tensor) -> tuple[Tensor, ...]:
-        """Returns motion [B, 2, shown]: t_x [px of the picture given] and r_z [rad]."""
-        motion = self.network(F.interpolate(rs, size=(self.size, self.size), mode="bilinear"))[0]
-        unit = torch.tensor([[self.shown / self.size], [1.0]])
-        return (F.interpolate(motion, size=self.shown, mode="linear") * unit,)
+    def forward(self, rs: Tensor) -> tuple[Tensor]:
+        """Returns motion [1, 2, shown] of rs [1, 3, shown, shown]: t_x [px of the picture given] and r_z [rad]."""
+        small = F.interpolate(rs, size=(self.size, self.size), mode="bilinear")
+        motion = self.network.one_look(small)
+        if self.network.config.mirror_average:
+            motion = (motion - self.network.one_look(small[..., self.mirrored])) / 2
+        return (torch.cat([motion[:, k : k + 1] @ self.rows[k] for k in range(2)], 1),)
 
 
 def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:

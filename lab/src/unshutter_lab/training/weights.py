@@ -21,8 +21,8 @@ from torch.nn import functional as F
 from unshutter.errors import UsageError
 
 
-def export_onnx(network: nn.Module, example: Tensor, path: Path, outputs: list[str]) -> None:
-    """Writes a network in evaluation mode, on the CPU, as ONNX: input ``rs``; batches of any size.
+def export_onnx(network: nn.Module, example: Tensor, path: Path, outputs: list[str], *, any_batch: bool = True) -> None:
+    """Writes a network in evaluation mode, on the CPU, as ONNX: input ``rs``; batches of any size, or as the example.
 
     Args:
         network: rs [B, ...] -> outputs [B, ...].
@@ -38,7 +38,7 @@ def export_onnx(network: nn.Module, example: Tensor, path: Path, outputs: list[s
             str(path),
             input_names=["rs"],
             output_names=outputs,
-            dynamic_axes={name: {0: "batch"} for name in ["rs", *outputs]},
+            dynamic_axes={name: {0: "batch"} for name in ["rs", *outputs]} if any_batch else None,
             opset_version=18,
             dynamo=False,
         )
