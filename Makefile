@@ -44,7 +44,7 @@ test: $(ENV)/dev  ## each behaviour once, on all cores (TESTS=tests/frames: some
 	$(BIN)/python $(PYTEST) $(TESTS)
 
 test-all: $(ENV)/dev  ## also whole products of cases, kills again and again, training, and the long commands of the docs
-	$(call SAY_HOW_LONG,About 12 minutes)
+	$(call SAY_HOW_LONG,About 8 minutes)
 	$(BIN)/python $(PYTEST) --all $(TESTS)
 
 test-newest: $(NEWEST)/dev  ## `make test` with the newest version of everything
