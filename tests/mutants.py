@@ -85,7 +85,7 @@ class Mutant:
 
 
 class Finder(ast.NodeVisitor):
-    """Finds the places of a file where something can be changed; annotations and docstrings are not among them."""
+    """Finds the places of a file where something can be changed: neither in annotations nor in decorators."""
 
     def __init__(self, file: Path, source: bytes):
         self.file, self.source, self.found = file, source, list[Mutant]()
@@ -160,10 +160,18 @@ class Finder(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
-        for each in [*node.decorator_list, *node.args.defaults, *filter(None, node.args.kw_defaults), *node.body]:
+        for each in [*node.args.defaults, *filter(None, node.args.kw_defaults), *node.body]:
             self.visit(each)
 
     visit_AsyncFunctionDef = visit_FunctionDef
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        for each in node.body:
+            self.visit(each)
+
+    def visit_keyword(self, node: ast.keyword) -> None:
+        if node.arg != "strict":  # of zip: it only says what is true already
+            self.visit(node.value)
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
         """Passes over what is in an f-string: before Python 3.12, its places are not known."""
