@@ -155,7 +155,7 @@ def test_frames_are_not_kept():
         ({"readout_ms": 20}, "give both readout_ms and fps"),
         ({"readout_ms": 20, "fps": 30, "readout_ratio": 0.5}, "not both"),
         ({"readout_ms": 50, "fps": 30}, "at most 1"),
-        ({"focal_px": -1}, "focal length"),
+        ({"focal_px": -1}, "focal_px must"),
         ({"reference": "second"}, "reference must be one of"),
     ],
 )

@@ -16,7 +16,7 @@ def photo() -> Photo:
 def test_the_focal_length_is_the_given_one_or_a_guess(photo: Photo) -> None:
     assert View(photo).focal_px() == pytest.approx(0.85 * 300)
     assert View(photo, Camera(focal_px=123.0)).focal_px() == 123
-    with pytest.raises(UsageError, match="focal length"):
+    with pytest.raises(UsageError, match="focal-px"):
         View(photo, Camera(focal_px=0.0))
 
 

@@ -49,7 +49,7 @@ def test_roll_and_tilt_from_the_command_line(
     assert main(["rectify", str(photo), "--motion", str(out), "--tilt-deg", "3"]) == 2
     assert "are for finding a motion: leave them out" in capsys.readouterr().err
     assert main(["estimate", str(photo), "--roll-deg", "60"]) == 2
-    assert "roll must lie between -45 and 45" in capsys.readouterr().err
+    assert "--roll-deg must lie between -45 and 45" in capsys.readouterr().err
     with pytest.raises(UsageError, match="leave them out"):
         unshutter.rectify(leaning, motion=Motion.load(out), roll_deg=1.0)
 

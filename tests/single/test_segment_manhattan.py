@@ -77,7 +77,7 @@ def test_answer_for_the_shipped_photo() -> None:
     rows = [98, 196, 294, 392]
     np.testing.assert_allclose(motion.tx_px[rows], (12.046339, 27.695562, 46.901871, 69.619463), rtol=1e-5)
     np.testing.assert_allclose(motion.rz_rad[rows], (0.00515312, 0.00800525, 0.00877954, 0.00769911), rtol=1e-5)
-    assert motion.confidence == pytest.approx(0.9906954, rel=1e-4)
+    assert motion.confidence == 0.97  # the most that is ever stated; it was 0.9907 before there was a limit
     assert dict(motion.kind_shares) == pytest.approx(
         {"quadratic": 0.7962091, "hand": 0.1995909, "pan": 0.0042001}, rel=1e-4
     )
