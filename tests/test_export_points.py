@@ -110,6 +110,13 @@ def test_points_outside_the_photo_are_counted(tmp_path: Path) -> None:
     assert move_file(shake(), tmp_path / "in.csv", tmp_path / "back.csv", inverse=True)[1] >= 2
 
 
+def test_the_photo_ends_half_a_pixel_beyond_the_centres_of_its_outermost_pixels(tmp_path: Path) -> None:
+    corners = f"-0.5,-0.5\n{WIDTH - 0.5},{HEIGHT - 0.5}\n"
+    outside = f"-0.6,3\n3,-0.6\n{WIDTH - 0.4},3\n3,{HEIGHT - 0.4}\n"
+    (tmp_path / "in.csv").write_text(f"x,y\n{corners}{outside}")
+    assert move_file(RowMotion.zero(HEIGHT, WIDTH), tmp_path / "in.csv", tmp_path / "out.csv") == (6, 4)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
