@@ -47,8 +47,9 @@ def _digest_of(request: Rectify, motion: str | None) -> str:
     """Returns a digest of all options that affect results. Newer options are included only if not at their defaults."""
     weights = weights_file(request.find.estimator)
     facts = {"motion": motion, "weights": "" if weights is None else locations.fingerprint(weights), "overwrite": None}
+    find = request.find
     neighbours = request.neighbours
-    for group in (request.find, request.find.camera, request.undo, request.save, neighbours, neighbours.clock):
+    for group in (find, find.camera, find.odds, request.undo, request.save, neighbours, neighbours.clock):
         for each in fields(group):
             value = vars(group)[each.name]
             if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):
