@@ -28,7 +28,7 @@ def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bo
         photo: its grey copy is decoded while the estimator is loaded.
         how: the method, and what is known about the camera.
         estimator: an estimator that is loaded already, instead of the method's.
-        pixels: whether all pixels of the photo are decoded meanwhile, because they may be needed.
+        pixels: whether all pixels of the photo are decoded, too, because they may be needed.
 
     Raises:
         UnshutterError: the photo is damaged or too small; UsageError: unknown estimator.

@@ -212,7 +212,7 @@ def journal_in(folder: locations.Place, name: str, run: str, read_only: bool = F
 class FileJournal:
     """A journal in one file, to which each line is written at once. Links and files with a second name are refused.
 
-    The file is opened once: if its folder is replaced by a link meanwhile, the lines still reach the file that was
+    The file is opened once: if its folder is then replaced by a link, the lines still reach the file that was
     checked. The run that writes to it locks it: the system ends the lock with the process, however that ends.
     """
 
