@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from unshutter.errors import UsageError
 from unshutter.frames.find import find
@@ -79,10 +80,10 @@ def rectify(
         (False, 'no visible motion, confidence 0.9...')
     """
     keywords = locals()
-    camera, undo = from_keywords(Camera, keywords), from_keywords(Undo, keywords)
+    how, undo = _how(estimator, keywords), from_keywords(Undo, keywords)
     given = None
     if motion is not None:
-        camera.check_unused()
+        how.check_unused()
         undo = undo.at_any_confidence()
         check_type("motion", motion, (Motion, str, os.PathLike), "a Motion or the path of a motion file")
         given = Finding(motion if isinstance(motion, Motion) else Motion.load(motion))
@@ -90,12 +91,11 @@ def rectify(
     if isinstance(motion, (str, os.PathLike)):
         source = replace(source, made_from=(*source.made_from, Opened.at(motion)))
     check_size(source.height, source.width)
-    by_name = given is None and isinstance(_checked(estimator), str)
-    source.start_decoding(grey_px=method(str(estimator)).grey_px if by_name else None)  # while the estimator is loaded
     if given is None:
-        finding = find(source, estimator, camera.for_least_confidence(undo.min_confidence)).choose(camera.candidate)
+        how = how.for_least_confidence(undo.min_confidence)
+        finding = find(source, how, _loaded(estimator), pixels=True).choose(how.candidate)
     else:
-        finding = given.fit(source.height, source.width, camera.readout)
+        finding = given.fit(source.height, source.width, how.camera.readout)
     return render(source, judge(finding, undo), undo.edges)
 
 
@@ -136,14 +136,14 @@ def estimate(
         True
     """
     keywords = locals()
-    camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
+    how, row = _how(estimator, keywords), from_keywords(Undo, keywords).reference or "first"
     source = open_photo(photo)
     check_size(source.height, source.width)
     if lines is None:
-        return find(source, _checked(estimator), camera).choose(camera.candidate).motion.rereferenced(row)
+        return find(source, how, _loaded(estimator)).choose(how.candidate).motion.rereferenced(row)
     check_type("lines", lines, (Sequence, os.PathLike), "a list of DrawnLine or the path of a file of lines")
     drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
-    return motion_of_lines(source, drawn, camera).motion.rereferenced(row)
+    return motion_of_lines(source, drawn, how.camera).motion.rereferenced(row)
 
 
 @for_python(Camera, Undo, Find)
@@ -180,10 +180,10 @@ def candidates(
         [0.9...]
     """
     keywords = locals()
-    camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
+    how, row = _how(estimator, keywords), from_keywords(Undo, keywords).reference or "first"
     if candidate is not None:
         raise UsageError("candidates() lists all motions: leave out candidate, or give it to estimate() or rectify()")
-    return tuple(each.rereferenced(row) for each in find(open_photo(photo), _checked(estimator), camera).candidates)
+    return tuple(each.rereferenced(row) for each in find(open_photo(photo), how, _loaded(estimator)).candidates)
 
 
 # ---- from lines drawn in a photo to its motion ---------------------------------------------------------------
@@ -195,6 +195,12 @@ def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) ->
     return motion_from_lines(View(photo, camera), lines, network)
 
 
-def _checked(estimator: str | Estimator) -> str | Estimator:
+def _how(estimator: str | Estimator, keywords: Mapping[str, Any]) -> Find:
+    """Returns how a motion is found, from a function's keywords."""
     check_type("estimator", estimator, (str, Estimator), "the name of a method or an Estimator")
-    return estimator
+    name = estimator if isinstance(estimator, str) else estimator.name
+    return from_keywords(Find, {**keywords, "estimator": name})
+
+
+def _loaded(estimator: str | Estimator) -> Estimator | None:
+    return None if isinstance(estimator, str) else estimator

@@ -124,12 +124,12 @@ def map_file(
     remove_leftovers(output.parent)
     map_size = None if size is None else _parse_size(size)
     if source.suffix.lower() == ".json":
-        find.camera.check_unused()
+        find.check_unused()
         motion = Motion.load(source)
         height, width = motion.readout.frame_size(motion.height, motion.width)
         finding = Finding(motion).fit(height, width, find.camera.readout)
     else:
-        finding = find_motion(Photo.open(source), find.estimator, find.camera).choose(find.camera.candidate)
+        finding = find_motion(Photo.open(source), find).choose(find.candidate)
     motion = finding.motion.rereferenced(reference or finding.motion.reference)
     motion = Finding(motion).fit(*map_size).motion if map_size else motion
     PixelMap.of(motion, inverse).save(output, overwrite)

@@ -24,7 +24,7 @@ class ByFolder(Sure):
     def estimate(self, view: View) -> Motion:
         assert view.photo.path is not None
         chance = Chance(*{"c": CLEAR, "f": FAINT, "s": STILL}[view.photo.path.name[0]])
-        if view.camera.folder_log_odds > chance.turning_point:
+        if view.odds.folder > chance.turning_point:
             return replace(super().estimate(view), chance=chance)
         return replace(view.no_motion(self.name, Reason(Code.NO_VISIBLE_MOTION)), chance=chance)
 

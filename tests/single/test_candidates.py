@@ -9,7 +9,7 @@ from support.posteriors import posterior_of
 from unshutter import RowMotion, View
 from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
-from unshutter.options import Camera, Moving, Undo
+from unshutter.options import Camera, Moving, Odds, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
 from unshutter.single.candidates import _reason_to_leave, candidates_of, modes_of
@@ -25,7 +25,7 @@ def view(facade: np.ndarray) -> View:
 
 def anyway(view: View) -> View:
     """Of somebody who wants the likeliest motion, however unsure."""
-    return View(view.photo, Camera(least_confidence=0))
+    return View(view.photo, odds=Odds(least_confidence=0))
 
 
 def two_modes(evidence: float, share: float = 0.7) -> Posterior:
@@ -77,7 +77,7 @@ def test_a_least_confidence_decides_instead_of_the_benefit(view: View) -> None:
     found = candidates_of(two_modes(80), anyway(view), "me", PAN)[0]
     assert found.probability is not None
     for least, kind in ((found.probability + 1e-6, "still"), (found.probability - 1e-6, found.kind)):
-        first = candidates_of(two_modes(80), View(view.photo, Camera(least_confidence=least)), "me", PAN)[0]
+        first = candidates_of(two_modes(80), View(view.photo, odds=Odds(least_confidence=least)), "me", PAN)[0]
         assert first.kind == kind
 
 
@@ -119,7 +119,7 @@ def test_the_expected_error_is_in_pixels_of_the_photo(view: View) -> None:
 @pytest.mark.parametrize("evidence", [2, 20])
 def test_the_turning_point_is_where_the_folder_decides(evidence: float, view: View) -> None:
     def decided(log_odds: float):
-        given = View(view.photo, Camera(folder_log_odds=log_odds))
+        given = View(view.photo, odds=Odds(folder=log_odds))
         return candidates_of(two_modes(evidence), given, "me", PAN)[0].motion
 
     chance = decided(0).chance
@@ -140,7 +140,7 @@ def test_a_photo_that_was_moved_by_all_accounts_takes_no_part_in_its_folder(view
 
 
 def moving(view: View, way: Moving = "yes", least: float | None = None) -> View:
-    return View(view.photo, Camera(moving=way, least_confidence=least))
+    return View(view.photo, Camera(moving=way), odds=Odds(least))
 
 
 def test_a_camera_that_moved_may_be_faster_than_hands(view: View) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from unshutter.motion.finding import Candidate, Finding, list_single
-from unshutter.options import DEFAULT_ESTIMATOR, Camera
+from unshutter.options import Find
 from unshutter.photo import Photo
 from unshutter.photo.photo import check_size
 from unshutter.reasons import MOST_STATED
@@ -19,32 +19,31 @@ if TYPE_CHECKING:
     from unshutter.frames.motion_photo import FilmEvidence
 
 
-def find(photo: Photo, estimator: str | Estimator = DEFAULT_ESTIMATOR, known: Camera | None = None) -> Finding:
+def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bool = False) -> Finding:
     """Finds the motion of a photo and the others that fit, with the first row as the reference.
 
     Their probabilities are as they are stated everywhere (reasons.py).
 
     Args:
-        photo: its grey copy is decoded while an estimator that is named is loaded.
-        estimator: name of a method, or an estimator.
-        known: what is known about the camera.
+        photo: its grey copy is decoded while the estimator is loaded.
+        how: the method, and what is known about the camera.
+        estimator: an estimator that is loaded already, instead of the method's.
+        pixels: whether all pixels of the photo are decoded, too, because they may be needed.
 
     Raises:
         UnshutterError: the photo is damaged or too small; UsageError: unknown estimator.
     """
     check_size(photo.height, photo.width)
-    if isinstance(estimator, str):
-        photo.start_decoding(grey_px=method(estimator).grey_px, whole=False)
-        estimator = load(estimator)
-    view = View(photo, known or Camera())
-    most = MOST_IN_FOLDER if view.camera.folder_log_odds else MOST_STATED
-    referred = (each.rereferenced("first") for each in _list_candidates(view, estimator))
-    candidates = tuple(each.as_stated(most) for each in referred)
+    photo.start_decoding(grey_px=method(how.estimator).grey_px if estimator is None else None, whole=pixels)
+    view = View(photo, how.camera, odds=how.odds)
+    most = MOST_IN_FOLDER if how.odds.folder else MOST_STATED
+    found = _list_candidates(view, estimator or load(how.estimator), how.no_film)
+    candidates = tuple(each.rereferenced("first").as_stated(most) for each in found)
     return Finding(candidates[0].motion, candidates)
 
 
-def _list_candidates(view: View, estimator: Estimator) -> tuple[Candidate, ...]:
-    evidence = _film_evidence(view, estimator)
+def _list_candidates(view: View, estimator: Estimator, no_film: bool) -> tuple[Candidate, ...]:
+    evidence = None if no_film else _film_evidence(view, estimator)
     if evidence is not None and evidence.motion is not None:
         return list_single(view.noted(evidence.motion), view.photo.orientation)
     unused = None if evidence is None else evidence.reason
@@ -53,8 +52,8 @@ def _list_candidates(view: View, estimator: Estimator) -> tuple[Candidate, ...]:
 
 
 def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:
-    """Returns the evidence from the film inside a photo; None if there is no film or it is not to be used."""
-    if view.camera.no_film or isinstance(estimator, DoNothing) or view.photo.film() is None:
+    """Returns the evidence from the film inside a photo; None if there is none."""
+    if isinstance(estimator, DoNothing) or view.photo.film() is None:
         return None
     from unshutter.frames.motion_photo import film_motion  # imported here because few photos have a film
 

@@ -344,8 +344,7 @@ def _by_any_means(
     else:
         if options.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
             return result
-    camera = options.alone.camera
-    finding = find(current.photo, options.alone.estimator, camera).choose(camera.candidate)
+    finding = find(current.photo, options.alone).choose(options.alone.candidate)
     return _rectify_by(finding, current.photo, options.undo, "alone")
 
 

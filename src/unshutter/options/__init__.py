@@ -23,6 +23,7 @@ from unshutter.options.photo_options import (
     FrameModel,
     Moving,
     Neighbours,
+    Odds,
     PictureFormat,
     Reference,
     Save,

@@ -65,22 +65,9 @@ class Camera:
         "it went or turned; this decides between candidates.",
         bare="yes",
     )
-    no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
-    candidate: int | None = option(
-        None,
-        "Undo candidate N from `unshutter estimate --candidates`, however unsure, instead of the first.",
-        metavar="N",
-    )
-    # confidence from which a motion is undone, instead of weighing gain against harm; set by a least confidence
-    # (:meth:`for_least_confidence`)
-    least_confidence: float | None = None
-    # what the other photos of a folder say about how many of them moved: log odds, 0 for half (run/folder.py)
-    folder_log_odds: float = 0.0
 
     def __post_init__(self) -> None:
         check_values(self)
-        if self.candidate is not None and self.candidate < 1:
-            raise UsageError(f"{{--candidate}} is counted from 1, got {self.candidate}")
         check_focal(self.focal_px)
         check_time("exposure-s", self.exposure_s, "s")
         check_time("readout-ms", self.readout_ms, "ms")
@@ -90,22 +77,20 @@ class Camera:
         """The readout direction, with ``auto`` resolved."""
         return Readout.parse(self.readout)
 
+
+@dataclass(frozen=True)
+class Odds:
+    """What decides between undoing a motion and leaving the photo unchanged, apart from the photo."""
+
+    # confidence from which a motion is undone, instead of weighing gain against harm; 0: the likeliest, however unsure
+    least_confidence: float | None = None
+    # what the other photos of a folder say about how many of them moved: log odds, 0 for half (run/folder.py)
+    folder: float = 0.0
+
     @property
-    def at_any_odds(self) -> bool:
+    def any(self) -> bool:
         """Whether to accept the likeliest motion, however unsure."""
         return self.least_confidence == 0
-
-    def for_least_confidence(self, least: float | None) -> Camera:
-        """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
-        return replace(self, least_confidence=least if self.candidate is None else None)
-
-    def check_unused(self) -> None:
-        """Checks that only the readout direction is set, as required when no motion is to be found."""
-        if self != Camera(self.readout):
-            raise UsageError(
-                "{--focal-px}, {--roll-deg}, {--tilt-deg}, {--exposure-s}, {--readout-ms}, {--moving}, {--no-film} and "
-                "{--candidate} are for finding a motion: leave them out if you give one"
-            )
 
 
 @dataclass(frozen=True)
@@ -116,6 +101,29 @@ class Find:
         DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.", names="word"
     )
     camera: Camera = field(default_factory=Camera)  # known facts about the camera
+    no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
+    candidate: int | None = option(
+        None,
+        "Undo candidate N from `unshutter estimate --candidates`, however unsure, instead of the first.",
+        metavar="N",
+    )
+    odds: Odds = field(default_factory=Odds)
+
+    def __post_init__(self) -> None:
+        if self.candidate is not None and self.candidate < 1:
+            raise UsageError(f"{{--candidate}} is counted from 1, got {self.candidate}")
+
+    def for_least_confidence(self, least: float | None) -> Find:
+        """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
+        return replace(self, odds=replace(self.odds, least_confidence=least if self.candidate is None else None))
+
+    def check_unused(self) -> None:
+        """Checks that only the readout direction is set, as required when no motion is to be found."""
+        if self.camera != Camera(self.camera.readout) or self.no_film or self.candidate is not None:
+            raise UsageError(
+                "{--focal-px}, {--roll-deg}, {--tilt-deg}, {--exposure-s}, {--readout-ms}, {--moving}, {--no-film} and "
+                "{--candidate} are for finding a motion: leave them out if you give one"
+            )
 
 
 # of a motion that is undone, unless the user sets another; methods that weigh gain against harm ask for as much

@@ -35,12 +35,12 @@ class Rectify:
         if self.neighbours.sequence:
             undo = undo.keeping_coordinates()
         if self.find_alone is not None or self.neighbours.fallback:
-            find = replace(find, camera=find.camera.for_least_confidence(undo.min_confidence))
+            find = find.for_least_confidence(undo.min_confidence)
         return replace(self, find=find, undo=undo)
 
     def __post_init__(self) -> None:
         if self.motion is not None:
-            self.find.camera.check_unused()
+            self.find.check_unused()
         if self.neighbours or self.neighbours.sequence:
             self._check_neighbours()
         elif self.undo.edges == "borrow":
@@ -50,10 +50,8 @@ class Rectify:
         camera, neighbours = self.find.camera, self.neighbours
         if self.motion is not None:
             raise UsageError("{--before}, {--after} and {--sequence} are for finding a motion: leave out {--motion}")
-        if (
-            replace(camera, readout_ms=None, focal_px=None, no_film=False) != Camera(camera.readout)
-            and not neighbours.fallback
-        ):
+        alone = replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout)
+        if (alone or self.find.candidate is not None) and not neighbours.fallback:
             raise UsageError(
                 "{--roll-deg}, {--tilt-deg}, {--exposure-s} and {--moving} are for single photos: leave them out"
             )
@@ -170,7 +168,7 @@ class Estimate:
     find: Find = field(default_factory=Find)
 
     def __post_init__(self) -> None:
-        if self.candidates and (self.plot or self.find.camera.candidate is not None):
+        if self.candidates and (self.plot or self.find.candidate is not None):
             raise UsageError("{--candidates} lists all motions: leave out {--plot} and {--candidate}")
         if self.candidates and self.lines:
             raise UsageError("{--lines} gives a single motion: leave out {--candidates} or {--lines}")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.options import Find, Rectify, Undo
+from unshutter.options import Find, Odds, Rectify, Undo
 from unshutter.orientation import Orientation
 from unshutter.page.opened import (
     OpenFile,
@@ -89,7 +89,7 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any
     from unshutter.motion.verdict import judge
 
     find = options.rectify.find
-    find = replace(find, camera=replace(find.camera, candidate=None, least_confidence=None))
+    find = replace(find, candidate=None, odds=Odds())
     with errors_of(open_file):
         possible = _find_motion(open_file, opened(open_file), find).candidates
         verdicts = [judge(Finding(each.motion), options.undo) for each in possible]
@@ -259,7 +259,7 @@ def _find(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Fin
     if options.hand.lines:
         finding, _ = _straighten_lines(open_file, photo, asked.find, options.hand.lines)
     else:
-        finding = _find_motion(open_file, photo, asked.find).choose(asked.find.camera.candidate)
+        finding = _find_motion(open_file, photo, asked.find).choose(asked.find.candidate)
     if not options.hand:
         return finding, asked.undo
     # lines that a person draws upright come out upright anyway
@@ -281,10 +281,10 @@ def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
     from unshutter.motion import Motion
     from unshutter.motion.finding import Candidate, Finding
 
-    alone = replace(find, camera=replace(find.camera, candidate=None))  # whichever candidate is chosen
+    alone = replace(find, candidate=None)  # whichever candidate is chosen
 
     def list_candidates() -> list[dict[str, Any]]:
-        found = find_motion(photo, find.estimator, find.camera).candidates
+        found = find_motion(photo, find).candidates
         return [{**vars(each), "motion": each.motion.to_json()} for each in found]
 
     listed = kept(open_file, "candidates", (alone,), list_candidates)

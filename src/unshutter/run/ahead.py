@@ -131,8 +131,7 @@ def _judge(photo: Photo, estimator: Estimator | None, wanted: Wanted) -> Verdict
 
     assert estimator is not None
     assert wanted.find is not None
-    camera = wanted.find.camera
-    verdict = judge(find(photo, estimator, camera).choose(camera.candidate), wanted.undo)
+    verdict = judge(find(photo, wanted.find, estimator).choose(wanted.find.candidate), wanted.undo)
     if wanted.pixels and verdict.changes:
         photo.start_decoding()
     return verdict

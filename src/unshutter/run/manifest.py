@@ -47,8 +47,9 @@ def _digest_of(request: Rectify, motion: str | None) -> str:
     """Returns a digest of all options that affect results. Newer options are included only if not at their defaults."""
     weights = weights_file(request.find.estimator)
     facts = {"motion": motion, "weights": "" if weights is None else locations.fingerprint(weights), "overwrite": None}
+    find = request.find
     neighbours = request.neighbours
-    for group in (request.find, request.find.camera, request.undo, request.save, neighbours, neighbours.clock):
+    for group in (find, find.camera, find.odds, request.undo, request.save, neighbours, neighbours.clock):
         for each in fields(group):
             value = vars(group)[each.name]
             if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):
@@ -211,7 +212,7 @@ def journal_in(folder: locations.Place, name: str, run: str, read_only: bool = F
 class FileJournal:
     """A journal in one file, to which each line is written at once. Links and files with a second name are refused.
 
-    The file is opened once: if its folder is replaced by a link meanwhile, the lines still reach the file that was
+    The file is opened once: if its folder is then replaced by a link, the lines still reach the file that was
     checked. The run that writes to it locks it: the system ends the lock with the process, however that ends.
     """
 

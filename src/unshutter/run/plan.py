@@ -106,7 +106,7 @@ class Plan:
         request = self.request
         camera, neighbours = request.find.camera, request.neighbours
         alone = neighbours.each_alone or neighbours or neighbours.sequence or self.given is not None
-        decided = camera.moving or camera.candidate is not None or request.undo.min_confidence is not None
+        decided = camera.moving or request.find.candidate is not None or request.undo.min_confidence is not None
         return self.inputs.many and not alone and not decided
 
     def sort(self, manifest: Manifest) -> None:

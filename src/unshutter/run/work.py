@@ -148,7 +148,7 @@ def _begin(job: Job, request: Rectify, given: Finding | None, ahead: Iterable[Ah
             if begun.place == job.source:
                 return begun
     elif find is not None and job.folder_log_odds is not None:
-        find = replace(find, camera=replace(find.camera, folder_log_odds=job.folder_log_odds))
+        find = replace(find, odds=replace(find.odds, folder=job.folder_log_odds))
     return next(look_ahead([job.source], Wanted(find, request.undo, job.max_pixels)))
 
 

@@ -61,7 +61,7 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
         moving.append(_candidate(mode, prospects[-1], posterior, view, estimator))
     if limit.refutes(moving[0].motion):
         return None
-    first, least = prospects[0], view.camera.least_confidence
+    first, least = prospects[0], view.odds.least_confidence
     if _is_undone(first, least) and (first.better >= LIKELY or least is not None):
         return (*moving, _still(view, estimator, None, 1 - first.better))
     reason = _reason_of_moved(first.better, moving[0].motion) if view.heading else Reason(Code.WHICH_WAY)
@@ -119,31 +119,31 @@ def candidates_of(
             return (_still(view, estimator, Reason(Code.MOVED_OTHERWISE), None),)
         posterior = _heading(posterior, view.heading)
     roll_known = view.attitude_deg()[0] is not None
-    shift = MOVING if camera.moving else MOVING * view.edges.smeared + camera.folder_log_odds
+    shift = MOVING if camera.moving else MOVING * view.edges.smeared + view.odds.folder
     modes = modes_of(posterior, math.inf if camera.moving else LARGEST)
     prospects = [prospect(posterior, mode, opinion, roll_known, shift) for mode in modes]
-    weighed = [each.better if camera.at_any_odds else each.benefit for each in prospects]
+    weighed = [each.better if view.odds.any else each.benefit for each in prospects]
     if weighed and weighed[0] > 0:  # of the mean
         weighed[0] *= _CLEARLY
     best = max(range(len(modes)), key=weighed.__getitem__, default=None)
     order = sorted(range(len(modes)), key=lambda k: (k != best, -prospects[k].better))
     moving = tuple(_candidate(modes[k], prospects[k], posterior, view, estimator) for k in order)
-    chance = None if camera.moving else _chance(prospects, camera.folder_log_odds, opinion is not None)
+    chance = None if camera.moving else _chance(prospects, view.odds.folder, opinion is not None)
     at_rest = 1 - max((each.better for each in prospects), default=0.0)
     reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
     if reason is None and not camera.moving and displacement(posterior.motion) > LARGEST:
         mean = prospect(posterior, _mean(posterior), opinion, roll_known, shift)
         reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > _PROBABLY else None
-    if reason is not None and not camera.at_any_odds:
+    if reason is not None and not view.odds.any:
         return (_still(view, estimator, reason, None), *moving)
-    if best is None or not _is_undone(prospects[best], camera.least_confidence):
+    if best is None or not _is_undone(prospects[best], view.odds.least_confidence):
         reason = Reason(Code.NO_VISIBLE_MOTION)
         if best is not None:
             leave = _reason_of_moved if camera.moving else _reason_to_leave
             reason = leave(prospects[best].better, moving[0].motion)
         return (_with_chance(_still(view, estimator, reason, at_rest), chance), *moving)
     first = moving[0].motion
-    if camera.moving and not camera.at_any_odds and not is_measurable(first.largest_px, first.height):
+    if camera.moving and not view.odds.any and not is_measurable(first.largest_px, first.height):
         return (_still(view, estimator, _reason_of_moved(prospects[best].better, first), at_rest), *moving)
     return (_with_chance(moving[0], chance), *moving[1:], _still(view, estimator, None, at_rest))
 

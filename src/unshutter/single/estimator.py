@@ -13,7 +13,7 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.finding import Candidate, list_single
 from unshutter.motion.upright import Pose, Stated
-from unshutter.options import Camera
+from unshutter.options import Camera, Odds
 from unshutter.orientation import Readout, scene_up
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
@@ -31,11 +31,13 @@ class View:
         photo: the photo as read.
         camera: what the user states about the camera; otherwise the photo's own metadata are used.
         guessed_focal_px: a better guess than that from the picture's size, for instance for a crop of a larger photo.
+        odds: what decides between undoing a motion and leaving the photo unchanged.
     """
 
     photo: Photo
     camera: Camera = field(default_factory=Camera)
     guessed_focal_px: float | None = None
+    odds: Odds = field(default_factory=Odds)
 
     @property
     def readout(self) -> Readout:
