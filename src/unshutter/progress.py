@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from unshutter.errors import visible
+
+if TYPE_CHECKING:
+    from unshutter.readout_time import ReadoutTime
 
 _T = TypeVar("_T")
 Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
@@ -78,6 +81,24 @@ def counted(what: str, items: Sequence[_T], watch: Watch | None) -> Iterator[_T]
     for item in items:
         yield item
         steps.advance()
+
+
+class ClipObserver:
+    """Is told how the work on a clip goes on; this one does nothing with it."""
+
+    def note_progress(self, what: str, done: int, total: int) -> None:
+        """Is called for every step of the work, with its kind, the number that are done, and their total."""
+
+    def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
+        """Is called once the readout time is found, which may be long before the clip is done; with the time between
+        its frames [s].
+        """
+
+    def note_rate(self, before: float, after: float) -> None:
+        """Is called early with the bit rates of the clip and of the new film, if they differ considerably."""
+
+
+SILENT = ClipObserver()
 
 
 class Bars:

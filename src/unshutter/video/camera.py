@@ -59,11 +59,13 @@ def find_camera(request: ClipRequest, found: Camera | None = None) -> tuple[Came
     if request.options.steadiness.level:
         clip_gyro.check_level(log)
     parts_s, what = parts_to_survey(request, log, found)
-    steps = None if what == LENS else Steps(what, _frames_in(request, parts_s) * (1 + (what == SEARCH)), request.watch)
+    steps = None
     if what == LENS:
         evidence = survey(request, _spread(request, [lenses.PART + 1])[:1])
         evidence = survey(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
     else:
+        rounds = 2 if what == SEARCH else 1  # tracking takes half of the time of a search
+        steps = Steps(what, rounds * _frames_in(request, parts_s), request.observer.note_progress)
         evidence = survey(request, parts_s, steps)
     camera = camera_from(request, evidence, log, found, steps)
     return camera, evidence.through(camera.lens)
