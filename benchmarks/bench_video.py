@@ -68,7 +68,7 @@ import resource, sys
 import cv2
 from contextlib import closing
 from unshutter.readout_time import ReadoutTime
-from unshutter.video.camera import Camera, find_camera
+from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest, look
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.decode import frames_of
@@ -87,7 +87,7 @@ options = RectifyClip(
 )
 clip = look(source)
 request = ClipRequest.of(clip, options)
-rendering = Rendering(request, Camera(ReadoutTime(ratio * clip.interval_s)), Undo())
+rendering = Rendering(request, ClipCamera(ReadoutTime(ratio * clip.interval_s)), Undo())
 
 def count(items):
     with closing(items) as items:

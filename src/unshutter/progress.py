@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from unshutter.errors import visible
@@ -73,14 +73,6 @@ class Steps:
         """Sets the number of completed steps; does nothing if that many are done already."""
         if done > self._done:
             self.advance(done - self._done)
-
-
-def counted(what: str, items: Sequence[_T], watch: Watch | None) -> Iterator[_T]:
-    """Yields the items, and counts each once it is used."""
-    steps = Steps(what, len(items), watch)
-    for item in items:
-        yield item
-        steps.advance()
 
 
 class ClipObserver:

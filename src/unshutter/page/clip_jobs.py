@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.camera import Camera
+    from unshutter.video.camera import ClipCamera
     from unshutter.video.clip import ClipFacts
     from unshutter.video.frame_warper import MovingFrame
 
@@ -127,14 +127,14 @@ def progress_of(open_file: OpenFile) -> ProgressFile:
 
 def _camera_of(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> Camera:
+) -> ClipCamera:
     """Returns what is known of a clip's camera, except for a gyro log: found once, and cached."""
-    from unshutter.video.camera import Camera, find_camera
+    from unshutter.video.camera import ClipCamera, find_camera
     from unshutter.video.clip import ClipRequest
 
     request = ClipRequest.of(clip, options, progress or SILENT)
     key = options.shutter, options.span(clip.duration_s)
-    return Camera.from_json(kept(open_file, "camera", key, lambda: find_camera(request)[0].as_json()))
+    return ClipCamera.from_json(kept(open_file, "camera", key, lambda: find_camera(request)[0].as_json()))
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
@@ -154,13 +154,13 @@ def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
 def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion, RowMotion
-    from unshutter.video.camera import Camera, time_without_search
+    from unshutter.video.camera import ClipCamera, time_without_search
     from unshutter.video.clip import ClipRequest
     from unshutter.video.decode import frames_of
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
     request = ClipRequest.of(clip, options)
-    camera = Camera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
+    camera = ClipCamera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
     time = camera.readout
     if time.declined is not None:
         return MovingFrame(_frame_at(clip, time_s), RowMotion.zero(ROWS, ROWS, reason=time.declined))

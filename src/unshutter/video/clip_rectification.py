@@ -22,7 +22,7 @@ from unshutter.progress import SILENT, ClipObserver
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
 from unshutter.video import cameras, film_file, mp4
-from unshutter.video.camera import Camera
+from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipFacts, ClipRequest, look
 from unshutter.video.decode import decode
 from unshutter.video.encoders import Encoder
@@ -41,7 +41,7 @@ def rectify_clip_file(
     source: str,
     output: str,
     options: RectifyClip,
-    found: Camera | None = None,
+    found: ClipCamera | None = None,
     observer: ClipObserver = SILENT,
 ) -> ClipOutcome:
     """Writes a clip without its rolling-shutter distortion. Prints nothing.

@@ -8,7 +8,7 @@ from typing import TypeAlias
 from unshutter.errors import UnshutterError
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.camera import Camera, find_camera
+from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.gain import gain_of_clip, is_tested
 from unshutter.video.motion_file import ClipMotion, load
@@ -34,7 +34,7 @@ class Leave:
 Plan: TypeAlias = Undo | Leave
 
 
-def make_plan(request: ClipRequest, found: Camera | None = None) -> tuple[ClipRequest, Camera, Plan]:
+def make_plan(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipRequest, ClipCamera, Plan]:
     """Returns the plan for a clip with what is known of its camera, and the request of a clip of that camera.
 
     Args:
@@ -55,7 +55,7 @@ def make_plan(request: ClipRequest, found: Camera | None = None) -> tuple[ClipRe
     return request, camera, plan
 
 
-def plan_from(request: ClipRequest, camera: Camera, evidence: Survey) -> Plan:
+def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
     """Returns the plan for a clip by what its tracked frames show."""
     time, options = camera.readout, request.options
     frames = len(evidence.parts[0]) if evidence.is_whole else None
@@ -71,7 +71,7 @@ def plan_from(request: ClipRequest, camera: Camera, evidence: Survey) -> Plan:
     return Undo() if reason is None else Leave(reason, frames)
 
 
-def _plan_of_file(request: ClipRequest) -> tuple[ClipRequest, Camera, Plan]:
+def _plan_of_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
     """Returns the plan by a motion file, which tells readout time and direction, and the lens."""
     clip = request.clip
     assert request.options.motion is not None
@@ -82,4 +82,4 @@ def _plan_of_file(request: ClipRequest) -> tuple[ClipRequest, Camera, Plan]:
             f"{clip.width}x{clip.height}: it belongs to another clip"
         )
     time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
-    return replace(request, readout=motion.readout, lens=motion.lens), Camera(time, motion.lens), Undo(motion)
+    return replace(request, readout=motion.readout, lens=motion.lens), ClipCamera(time, motion.lens), Undo(motion)

@@ -16,7 +16,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
 from unshutter.motion.warp import thread_count
-from unshutter.video.camera import Camera
+from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import level_turns
 from unshutter.video.decode import DECODED_AHEAD, ahead, frames_of
@@ -47,7 +47,7 @@ class Rendering:
     """How the frames of a clip are rendered: each step runs ahead of the next in a thread of its own."""
 
     request: ClipRequest
-    camera: Camera
+    camera: ClipCamera
     plan: Plan
     # the frames' views and motion from a first pass; None if the camera's path is left unchanged
     stabilisation: Stabilisation | None = None
