@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from unshutter.errors import visible
 
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
 
-_T = TypeVar("_T")
 Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
 
 
