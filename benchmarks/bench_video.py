@@ -68,11 +68,13 @@ import resource, sys
 import cv2
 from contextlib import closing
 from unshutter.readout_time import ReadoutTime
-from unshutter.video.camera import find_camera
+from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest, look
-from unshutter.video.clip_rectification import Pipeline, rectify_clip_file
+from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.decode import frames_of
 from unshutter.video.frame_warper import Warper
+from unshutter.video.plan import Undo
+from unshutter.video.rendering import Rendering
 from unshutter.options.clip_options import ClipUndo, Encode, RectifyClip, Shutter
 
 cv2.setNumThreads(1)
@@ -85,18 +87,18 @@ options = RectifyClip(
 )
 clip = look(source)
 request = ClipRequest.of(clip, options)
-pipeline = Pipeline(request, ReadoutTime(ratio * clip.interval_s))
+rendering = Rendering(request, ClipCamera(ReadoutTime(ratio * clip.interval_s)), Undo())
 
 def count(items):
     with closing(items) as items:
         return sum(1 for _ in items)
 
 def rectified():
-    return pipeline.rectified(Warper(clip, options.undo), frames_of(clip))
+    return rendering.rectified(Warper(clip, options.undo), frames_of(clip))
 
 steps = {
     "decode": lambda: count(frames_of(clip)),
-    "find the motion": lambda: count(pipeline.moving(frames_of(clip))),
+    "find the motion": lambda: count(rendering.moving(frames_of(clip))),
     "warp" if model == "camera" else "flow and warp": lambda: count(rectified()),
     "encode and write": lambda: rectify_clip_file(source, out, options).frames,
 }
@@ -107,7 +109,7 @@ def ms_of(step):
     after = resource.getrusage(resource.RUSAGE_SELF)
     return 1000 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / frames
 
-count(pipeline.moving(frames_of(clip)))  # libraries are loaded
+count(rendering.moving(frames_of(clip)))  # libraries are loaded
 print(sorted(ms_of(lambda: find_camera(request) and 1) for _ in range(3))[1])
 for name, step in steps.items():
     print(name, ms_of(step), sep="\\t")

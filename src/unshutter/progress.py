@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeAlias, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from unshutter.errors import visible
 
-_T = TypeVar("_T")
+if TYPE_CHECKING:
+    from unshutter.readout_time import ReadoutTime
+
 Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
 
 
@@ -72,12 +74,22 @@ class Steps:
             self.advance(done - self._done)
 
 
-def counted(what: str, items: Sequence[_T], watch: Watch | None) -> Iterator[_T]:
-    """Yields the items, and counts each once it is used."""
-    steps = Steps(what, len(items), watch)
-    for item in items:
-        yield item
-        steps.advance()
+class ClipObserver:
+    """Is told how the work on a clip goes on; this one does nothing with it."""
+
+    def note_progress(self, what: str, done: int, total: int) -> None:
+        """Is called for every step of the work, with its kind, the number that are done, and their total."""
+
+    def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
+        """Is called once the readout time is found, which may be long before the clip is done; with the time between
+        its frames [s].
+        """
+
+    def note_rate(self, before: float, after: float) -> None:
+        """Is called early with the bit rates of the clip and of the new film, if they differ considerably."""
+
+
+SILENT = ClipObserver()
 
 
 class Bars:

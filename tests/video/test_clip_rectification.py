@@ -15,6 +15,7 @@ from support.hand_held import log_of, pan
 from unshutter import Photo
 from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip, Shutter
+from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
@@ -233,7 +234,9 @@ def test_the_readout_time_is_found(tmp_path, frames, capsys):
 def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
     """Neither a readout time that is found nor the result is printed; the caller is record of both."""
     still, calls, steps = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1"), [], []
-    listed = RectifyClip(Shutter(camera="nemo"), encode=Encode(codec="ffv1"))
+    listed, observer = RectifyClip(Shutter(camera="nemo"), encode=Encode(codec="ffv1")), ClipObserver()
+    observer.note_progress = lambda *step: steps.append(step)
+    observer.note_readout = lambda *each: calls.append(each)
     with pytest.MonkeyPatch.context() as patch:
         one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, 20.0, 20.0)
         patch.setattr(cameras, "table", lambda: (one,))
@@ -241,8 +244,7 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
             str(still),
             str(tmp_path / "out.mkv"),
             listed,
-            watch=lambda *step: steps.append(step),
-            on_readout=lambda *each: calls.append(each),
+            observer=observer,
         )
     assert capfd.readouterr() == ("", "")
     assert calls == [(outcome.readout, outcome.interval_s)]

@@ -153,7 +153,7 @@ def test_people_who_walk_by_are_not_straightened_and_do_not_count(tmp_path, run)
 def test_a_mode_of_the_table_needs_no_search(tmp_path, run, monkeypatch):
     one = CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0)
     monkeypatch.setattr(cameras, "table", lambda: (one,))
-    monkeypatch.delattr(camera, "ratio_in_survey")
+    monkeypatch.delattr(camera, "time_in_survey")
     clip = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1", tags={"make": "Nemo", "model": "One"})
     record, shown, _ = run(clip)
     assert record["readout_ms"] == pytest.approx(20) and "plausible_ms" not in record

@@ -9,10 +9,12 @@ from support.covering import covering
 from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip
 from unshutter.readout_time import ReadoutTime
-from unshutter.video import clip_rectification as steps
+from unshutter.video import rendering as steps
+from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest, look
-from unshutter.video.clip_rectification import Pipeline
 from unshutter.video.encoders import Encoder
+from unshutter.video.plan import Undo
+from unshutter.video.rendering import Rendering
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,7 @@ def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatc
     monkeypatch.setattr(steps, "ahead", lambda items, most: bounds.append(most))
     monkeypatch.setattr(steps, "with_motion", lambda *_: None)
     for clip in (small, large):
-        Pipeline(ClipRequest.of(clip, RectifyClip()), ReadoutTime(0.02)).moving(iter([]))
+        Rendering(ClipRequest.of(clip, RectifyClip()), ClipCamera(ReadoutTime(0.02)), Undo()).moving(iter([]))
     assert bounds == [2, 8, 2, 2]
 
 

@@ -11,6 +11,7 @@ from unshutter.cli import main
 from unshutter.frames.self_calibration import Shot
 from unshutter.frames.tracks import Tracks, background
 from unshutter.options.clip_options import RectifyClip, Shutter
+from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip_rectification import rectify_clip_file
 
@@ -71,13 +72,14 @@ def test_near_and_far_are_no_cut():
 
 
 def test_the_search_reports_its_progress_frame_by_frame(tmp_path):
-    steps = []
+    steps, observer = [], ClipObserver()
+    observer.note_progress = lambda *step: steps.append(step)
     clip = clips.write(tmp_path / "in.mkv", clips.moving(60)[1], "ffv1", "gray")
     rectify_clip_file(
         str(clip),
         str(tmp_path / "out.mkv"),
         RectifyClip(Shutter(focal_px=clips.FOCAL)),
-        watch=lambda *step: steps.append(step),
+        observer=observer,
     )
     search = [(done, total) for what, done, total in steps if what == "readout time"]
     assert search[0] == (1, 120) and search[-1] == (120, 120)  # frames looked at, and as many for the analysis

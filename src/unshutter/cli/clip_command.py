@@ -12,7 +12,7 @@ from unshutter.errors import UsageError, extra
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, RectifyClip
 from unshutter.options.fields import positional
-from unshutter.progress import tell
+from unshutter.progress import Bars, ClipObserver, tell
 from unshutter.reasons import Code
 from unshutter.run.inputs import PHOTO_SUFFIXES, film_name
 
@@ -42,7 +42,6 @@ def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
     if Path(arguments.clip).suffix.lower() in PHOTO_SUFFIXES:
         raise UsageError(f"{arguments.clip} is a photo, not a clip: unshutter rectify {arguments.clip}; {JOIN}")
-    from unshutter.progress import Bars
     from unshutter.video.clip_rectification import rectify_clip_file
 
     options = arguments.options
@@ -53,19 +52,29 @@ def run(arguments: Arguments) -> int:
         output = arguments.output
         if output is None or Path(output).is_dir():
             output = str(Path(output or clip.parent) / film_name(clip))
-        outcome = rectify_clip_file(
-            arguments.clip,
-            output,
-            options,
-            watch=bars,
-            on_readout=lambda time, _: bars.tell(_line_of(time)),
-            on_rate=lambda before, after: bars.tell(_rate_line(before, after, arguments.options.encode)),
-        )
+        outcome = rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bars, options.encode))
     for line in _lines_of(outcome):
         tell(line)
     if arguments.options.preview is not None and outcome.written:
         tell(f"before and after: {arguments.options.preview}")
     return 0
+
+
+@dataclass
+class _Terminal(ClipObserver):
+    """Shows how the work goes on."""
+
+    bars: Bars
+    encode: Encode
+
+    def note_progress(self, what: str, done: int, total: int) -> None:
+        self.bars(what, done, total)
+
+    def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
+        self.bars.tell(_line_of(time))
+
+    def note_rate(self, before: float, after: float) -> None:
+        self.bars.tell(_rate_line(before, after, self.encode))
 
 
 def _line_of(time: ReadoutTime) -> str:

@@ -36,10 +36,9 @@ class Tracks:
     """Corners of one frame tracked to the next one."""
 
     start: Float64[np.ndarray, "tracks 2"]  # [N, 2] (col, row) in the earlier frame [px of the tracked copy]
-    # [N, 2] (col, row) in the later one. height, width: size of the tracked copies [px].
-    end: Float64[np.ndarray, "tracks 2"]
-    height: int
-    width: int
+    end: Float64[np.ndarray, "tracks 2"]  # [N, 2] (col, row) in the later one
+    height: int  # rows of the tracked copies [px]
+    width: int  # columns of the tracked copies [px]
     looked_for: int  # number of corners that were to be tracked
     lens: Lens | None = None  # the camera's lens, if it bends straight lines
 

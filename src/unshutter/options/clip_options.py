@@ -182,8 +182,7 @@ class RectifyClip:
     shutter: Shutter = field(default_factory=Shutter)  # what the user states about the camera
     undo: ClipUndo = field(default_factory=ClipUndo)  # how motion is undone
     steadiness: Steadiness = field(default_factory=Steadiness)  # how the camera's path is smoothed
-    # how frames are encoded. start, end: limits of the part to keep [s]; None for no limit.
-    encode: Encode = field(default_factory=Encode)
+    encode: Encode = field(default_factory=Encode)  # how frames are encoded
     start: float | None = option(None, "Start at this second of the clip.", metavar="SECONDS")
     end: float | None = option(None, "Stop at this second of the clip.", metavar="SECONDS")
     motion: Path | None = option(

@@ -15,6 +15,7 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
 from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, digest, errors_of, kept, put, put_text
 from unshutter.page.sentences import reason_json, sentence
+from unshutter.progress import SILENT
 from unshutter.reasons import Reason
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.camera import Camera
+    from unshutter.video.camera import ClipCamera
     from unshutter.video.clip import ClipFacts
     from unshutter.video.frame_warper import MovingFrame
 
@@ -102,10 +103,10 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
     """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
     from unshutter.video.clip_rectification import rectify_clip_file
 
-    progress.note("frames", 0, 0)
+    progress.note_progress("frames", 0, 0)
     with _look(open_file, {target: target.name, target.parent: "the folder"}) as clip:
         camera = _camera_of(open_file, clip, options, progress)
-        record = rectify_clip_file(str(open_file.path), str(target), options, camera, progress.note).as_json()
+        record = rectify_clip_file(str(open_file.path), str(target), options, camera, progress).as_json()
     declined = [sentence(Reason.from_json(each)) for each in record["declined"]]
     return {**{name: record[name] for name in ("frames", "rectified", "left_out")}, "declined": declined}
 
@@ -126,14 +127,14 @@ def progress_of(open_file: OpenFile) -> ProgressFile:
 
 def _camera_of(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> Camera:
+) -> ClipCamera:
     """Returns what is known of a clip's camera, except for a gyro log: found once, and cached."""
-    from unshutter.video.camera import Camera, find_camera
+    from unshutter.video.camera import ClipCamera, find_camera
     from unshutter.video.clip import ClipRequest
 
-    request = ClipRequest.of(clip, options, progress.note if progress else None)
+    request = ClipRequest.of(clip, options, progress or SILENT)
     key = options.shutter, options.span(clip.duration_s)
-    return Camera.from_json(kept(open_file, "camera", key, lambda: find_camera(request)[0].as_json()))
+    return ClipCamera.from_json(kept(open_file, "camera", key, lambda: find_camera(request)[0].as_json()))
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
@@ -153,13 +154,13 @@ def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
 def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion, RowMotion
-    from unshutter.video.camera import Camera, time_without_search
+    from unshutter.video.camera import ClipCamera, time_without_search
     from unshutter.video.clip import ClipRequest
     from unshutter.video.decode import frames_of
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
     request = ClipRequest.of(clip, options)
-    camera = Camera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
+    camera = ClipCamera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
     time = camera.readout
     if time.declined is not None:
         return MovingFrame(_frame_at(clip, time_s), RowMotion.zero(ROWS, ROWS, reason=time.declined))
@@ -195,11 +196,12 @@ def _pairs(
 
     from unshutter.video.camera import find_camera
     from unshutter.video.clip import ClipRequest
-    from unshutter.video.clip_rectification import Pipeline, with_steady_views
     from unshutter.video.decode import frames_of
     from unshutter.video.frame_map import FrameMap, warp_plane
     from unshutter.video.frame_warper import Warper
     from unshutter.video.pixels import upright
+    from unshutter.video.plan import Leave, Undo
+    from unshutter.video.rendering import Rendering, with_steady_views
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
     camera = _camera_of(open_file, clip, options, progress)
@@ -207,14 +209,15 @@ def _pairs(
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
-    request = replace(ClipRequest.of(clip, part, progress.note), lens=camera.lens)
+    request = replace(ClipRequest.of(clip, part, progress), lens=camera.lens)
     if options.steadiness.level:
         camera, _ = find_camera(request, camera)
-    pipeline = Pipeline(request, camera.readout, unmoved=camera.readout.declined, gyro=camera.gyro)
+    declined = camera.readout.declined
+    rendering = Rendering(request, camera, Undo() if declined is None else Leave(declined))
     if options.steadiness.stabilize is not None:
-        pipeline = with_steady_views(pipeline)
+        rendering = with_steady_views(rendering)
     warper, frames = Warper(clip, part.undo), round((last - first) / clip.interval_s)
-    for number, moving in enumerate(pipeline.moving(frames_of(clip, first, last))):
+    for number, moving in enumerate(rendering.moving(frames_of(clip, first, last))):
         scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
         height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))
         before = moving.frame.reformat(width, height, format="rgb24").to_ndarray()
@@ -222,7 +225,7 @@ def _pairs(
         for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
             warp_plane(before, at, after[rows], black, 255)
         yield np.concatenate([upright(each, moving.frame) for each in (before, after)], axis=1)
-        progress.note("film", min(number + 1, frames), frames)
+        progress.note_progress("film", min(number + 1, frames), frames)
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:

@@ -21,6 +21,7 @@ from unshutter.options import Neighbours
 from unshutter.orientation import Orientation, Readout
 from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, refusing
+from unshutter.progress import ClipObserver
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,7 +48,7 @@ class OpenFile:
 
 
 @dataclass
-class ProgressFile:
+class ProgressFile(ClipObserver):
     """A file to which a worker writes its progress for the server to read."""
 
     file: Path
@@ -60,7 +61,7 @@ class ProgressFile:
         except FileNotFoundError:
             return None
 
-    def note(self, what: str, done: int, total: int) -> None:
+    def note_progress(self, what: str, done: int, total: int) -> None:
         """Writes the progress, at most a few times a second; ``total`` is 0 if not known yet."""
         now = time.monotonic()
         if now - self._noted_s >= _NOTE_S or done >= total:

@@ -16,7 +16,7 @@ import re
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
@@ -248,14 +248,18 @@ def check_motion_name(name: str) -> None:
 
 @contextmanager
 def written_whole(
-    target: Path, overwrite: bool = True, mode_of: Path | None = None, times_ns: Times | None = None
+    target: Path,
+    overwrite: bool = True,
+    mode_of: Path | None = None,
+    times_ns: Times | None = None,
+    is_wanted: Callable[[], bool] | None = None,
 ) -> Iterator[Path]:
     """Creates an empty temporary file that replaces ``target`` if the block succeeds, and is removed otherwise.
 
     The contents are flushed to disc before renaming, so that not even a power cut leaves a partial file of this name.
     Without ``overwrite``, an existing file with identical bytes is kept without an error, because the same work has
     already been done. Permissions can be those of another file, and times [ns] are set if the file system can store
-    them; by default both are those of any new file.
+    them; by default both are those of any new file. ``is_wanted`` is asked at the end whether there is to be a file.
     """
     part = target.with_name(f".unshutter-{os.urandom(8).hex()}.part{target.suffix}")
     held = mode = None
@@ -266,8 +270,9 @@ def written_whole(
         _parts.add(part)
         held = _make_and_hold(part, 0o666 if mode is None else 0o600)  # unreadable to others until complete
         yield part
-        _to_disc(part, mode, times_ns)
-        _take_name(part, target, overwrite)
+        if is_wanted is None or is_wanted():
+            _to_disc(part, mode, times_ns)
+            _take_name(part, target, overwrite)
     except OSError as error:
         raise UnshutterError(f"cannot write {{target}}: {error.strerror}", target=target) from None
     finally:

@@ -31,7 +31,7 @@ _Parts = Sequence[tuple[float | None, float | None]]
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class ClipCamera:
     """What is known of a clip's camera."""
 
     readout: ReadoutTime
@@ -43,12 +43,12 @@ class Camera:
         return {"readout": self.readout.as_json(), "lens": self.lens and self.lens.as_json()}
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Camera:
+    def from_json(cls, data: dict[str, Any]) -> ClipCamera:
         """Reads the data written by :meth:`as_json`."""
         return cls(ReadoutTime.from_json(data["readout"]), data["lens"] and Lens.of_json(data["lens"]))
 
 
-def find_camera(request: ClipRequest, found: Camera | None = None) -> tuple[Camera, Survey]:
+def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipCamera, Survey]:
     """Returns what the user, a clip's file and its frames tell of its camera, and the frames that were tracked for it.
 
     Args:
@@ -59,11 +59,13 @@ def find_camera(request: ClipRequest, found: Camera | None = None) -> tuple[Came
     if request.options.steadiness.level:
         clip_gyro.check_level(log)
     parts_s, what = parts_to_survey(request, log, found)
-    steps = None if what == LENS else Steps(what, _frames_in(request, parts_s) * (1 + (what == SEARCH)), request.watch)
+    steps = None
     if what == LENS:
         evidence = survey(request, _spread(request, [lenses.PART + 1])[:1])
         evidence = survey(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
     else:
+        rounds = 2 if what == SEARCH else 1  # tracking takes half of the time of a search
+        steps = Steps(what, rounds * _frames_in(request, parts_s), request.observer.note_progress)
         evidence = survey(request, parts_s, steps)
     camera = camera_from(request, evidence, log, found, steps)
     return camera, evidence.through(camera.lens)
@@ -73,9 +75,9 @@ def camera_from(
     request: ClipRequest,
     evidence: Survey,
     log: GyroLog | ClipGyro | None = None,
-    found: Camera | None = None,
+    found: ClipCamera | None = None,
     steps: Steps | None = None,
-) -> Camera:
+) -> ClipCamera:
     """Returns what the user, a clip's file and its tracked frames tell of its camera.
 
     Args:
@@ -94,7 +96,7 @@ def camera_from(
     if gyro is not None and gyro.turns is not None:  # the time of the middle row does not change
         alignment = replace(gyro.turns.alignment, ratio=time.ratio(interval_s).value)
         gyro = replace(gyro, turns=replace(gyro.turns, alignment=alignment))
-    return Camera(time, lens, gyro)
+    return ClipCamera(time, lens, gyro)
 
 
 def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, steps: Steps | None) -> ReadoutTime:
@@ -139,7 +141,7 @@ SEARCH, GYRO, GAIN, LENS = "readout time", "gyro", "looking", "lens"  # what par
 
 
 def parts_to_survey(
-    request: ClipRequest, log: GyroLog | ClipGyro | None = None, found: Camera | None = None
+    request: ClipRequest, log: GyroLog | ClipGyro | None = None, found: ClipCamera | None = None
 ) -> tuple[_Parts, str]:
     """Returns begin and end of the parts of a clip that tell its camera and what undoing its motion gains [s]; and what
     they are for, at least: ``SEARCH``, ``GYRO``, ``GAIN`` or ``LENS``.

@@ -17,7 +17,7 @@ from unshutter.motion.lens import Lens
 from unshutter.options.clip_options import MAX_CLIP_PIXELS, RectifyClip
 from unshutter.orientation import Readout
 from unshutter.photo.photo import check_size
-from unshutter.progress import Steps, Watch
+from unshutter.progress import SILENT, ClipObserver, Steps
 from unshutter.video import containers, mp4
 from unshutter.video.camera_tags import CameraTags
 from unshutter.video.containers import COVER, ExpectedLength, Extent, FilmFile, FirstTimes, FrameTiming
@@ -272,13 +272,13 @@ class ClipRequest:
     clip: ClipFacts
     options: RectifyClip
     readout: Readout  # direction in which the stored pixels were read
-    watch: Watch | None = None  # called for every step of the work
+    observer: ClipObserver = SILENT  # is told how the work goes on
     lens: Lens | None = None  # the camera's lens, if it is known to bend straight lines
 
     @classmethod
-    def of(cls, clip: ClipFacts, options: RectifyClip, watch: Watch | None = None) -> ClipRequest:
+    def of(cls, clip: ClipFacts, options: RectifyClip, observer: ClipObserver = SILENT) -> ClipRequest:
         """Returns the request of a clip whose readout direction is that of the options."""
-        return cls(clip, options, Readout.parse(options.shutter.readout), watch)
+        return cls(clip, options, Readout.parse(options.shutter.readout), observer)
 
     @property
     def frame_size(self) -> tuple[int, int]:
@@ -307,4 +307,4 @@ class ClipRequest:
         if start is not None or end is not None or not frames:
             last = min(end or clip.duration_s, clip.duration_s or math.inf)
             frames = max(round((last - (start or 0.0)) / clip.interval_s), 2)
-        return Steps(what, frames, self.watch)
+        return Steps(what, frames, self.observer.note_progress)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from unshutter.options import Camera, Clock, FrameModel, Reference
 from unshutter.options.clip_options import MAX_CLIP_PIXELS, ClipEdges, ClipUndo, RectifyClip, Steadiness
 from unshutter.options.fields import check_time, for_python, from_keywords
 from unshutter.photo.photo import check_size
+from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
@@ -91,7 +93,23 @@ def rectify_clip(
         16
     """
     options = from_keywords(RectifyClip, locals())
-    return rectify_clip_file(os.fspath(source), os.fspath(output), options, watch=progress, on_readout=on_readout)
+    return rectify_clip_file(os.fspath(source), os.fspath(output), options, observer=_Caller(progress, on_readout))
+
+
+@dataclass
+class _Caller(ClipObserver):
+    """Tells the caller of a function how the work goes on."""
+
+    progress: Callable[[str, int, int], None] | None
+    on_readout: Callable[[ReadoutTime, float], None] | None
+
+    def note_progress(self, what: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(what, done, total)
+
+    def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
+        if self.on_readout is not None:
+            self.on_readout(time, interval_s)
 
 
 # ---- frames from your own decoder -----------------------------------------------------------------------------

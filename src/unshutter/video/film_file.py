@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from unshutter.frames.pyav import FILM_FORMATS, av
 from unshutter.options.clip_options import Encode
 from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
+from unshutter.progress import SILENT, ClipObserver
 from unshutter.storage.files import written_whole
 from unshutter.video.clip import ClipFacts, look
 from unshutter.video.containers import COVER, FilmFile, opened, time_of
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8
 
 
-RateCallback: TypeAlias = Callable[[float, float], None]  # receives the bit rates of the clip and of the new film
 _TELLING_S = 2.0  # s of the new film from which its size is predicted
 _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -60,7 +60,7 @@ class FilmWriter:
         ending: file ending of the film, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
         start_s: time in the input that becomes 0 in the new film [s].
-        on_rate: called once, early, with the bit rates of the clip and of the new film if they differ considerably.
+        observer: is told once, early, the bit rates of the clip and of the new film if they differ considerably.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class FilmWriter:
         ending: str | None,
         size: tuple[int, int],
         start_s: float = 0.0,
-        on_rate: RateCallback | None = None,
+        observer: ClipObserver = SILENT,
     ):
         self._container, self._pixel_format = container, encoder.pixel_format
         like = source.film
@@ -94,7 +94,8 @@ class FilmWriter:
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
             self.left_out.append(f"the last 2 of 12 bits of each colour ({encoder.name} writes 10)")
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
-        self._clip, self._on_rate, self._bytes, self._packets = clip, on_rate, 0, 0
+        self._clip, self._bytes, self._packets = clip, 0, 0
+        self._observer: ClipObserver | None = observer  # None once it was told
         self._last = -(1 << 62)  # time of the previous frame [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
@@ -164,12 +165,12 @@ class FilmWriter:
             self._bytes, self._packets = self._bytes + packet.size, self._packets + 1
         self._container.mux(encoded)
         seconds = self._packets * self._clip.interval_s
-        if self._on_rate is None or seconds < _TELLING_S or not self._clip.coding.bits_per_s:
+        if self._observer is None or seconds < _TELLING_S or not self._clip.coding.bits_per_s:
             return
         rate = 8 * self._bytes / seconds
         if not 1 / _ALIKE < rate / self._clip.coding.bits_per_s < _ALIKE:
-            self._on_rate(self._clip.coding.bits_per_s, rate)
-        self._on_rate = None
+            self._observer.note_rate(self._clip.coding.bits_per_s, rate)
+        self._observer = None
 
     def _put(self, step: Any) -> None:
         try:

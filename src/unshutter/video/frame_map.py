@@ -199,9 +199,9 @@ class FrameMap:
 
     # [2, N, M] col and row [px of the frame], at the centres of square cells; the first and last lie outside
     nodes: Float32[np.ndarray, "2 node_rows node_cols"]
-    step: int  # side of the cells [px]. height, width: size of the frame [px].
-    height: int
-    width: int
+    step: int  # side of the cells [px]
+    height: int  # rows of the frame [px]
+    width: int  # columns of the frame [px]
 
     @classmethod
     def of(cls, motion: Motion, height: int, width: int, view: View | None = None) -> FrameMap:

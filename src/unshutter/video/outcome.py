@@ -1,34 +1,22 @@
-"""What became of a clip's frames: the outcome for the user, the log and the plot; and their motion, in motion files.
-
-Motion files are JSON, format ``unshutter-clip-motion/1`` (docs/reference), one frame per line.
-"""
+"""What became of a clip's frames: the outcome for the user, the log and the plot."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import pairwise
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.export import plot_turns
-from unshutter.frames.frame_motion import Step
-from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
-from unshutter.motion.motion_file import reason_of
-from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.storage.files import read_text
-from unshutter.version import __version__
-from unshutter.video.clip import ClipRequest
-from unshutter.video.frame_warper import GYRO_ROWS, ROWS, MovingFrame
+from unshutter.video.frame_warper import MovingFrame
 
 if TYPE_CHECKING:
     from unshutter.options import FrameModel
@@ -39,7 +27,34 @@ if TYPE_CHECKING:
 _GAP, _GAP_S = 10, 1.0  # longer gaps between frames, in frame intervals and seconds, are reported
 
 
-@dataclass
+@dataclass(eq=False)
+class Tally:
+    """The frames of a clip, counted one by one."""
+
+    frames: int = 0  # number of frames
+    rectified: int = 0  # number of frames rectified
+    dense: int = 0  # number of those rectified by the flow to their neighbours
+    reasons: Counter[Reason] = field(default_factory=Counter)  # why the others were left unchanged, with counts
+    cuts_s: list[float] = field(default_factory=list)  # times of scene changes [s]
+    # presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame
+    turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+
+    def add(self, moving: MovingFrame) -> None:
+        """Counts another frame."""
+        self.frames += 1
+        self.dense += moving.dense
+        if moving.dense or not moving.motion.is_zero:
+            self.rectified += 1
+        else:
+            self.reasons[moving.motion.reason or Reason(Code.NO_MOTION)] += 1
+        time_s, motion = moving.frame.time or 0.0, moving.motion
+        if moving.cut:
+            self.cuts_s.append(round(time_s, 3))
+        is_rotation = isinstance(motion, RotationMotion)
+        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3))
+
+
+@dataclass(frozen=True)
 class ClipOutcome:
     """The outcome of rectifying a clip.
 
@@ -109,25 +124,6 @@ class ClipOutcome:
         longest, at = max(((b - a, a) for a, b in pairwise(times)), default=(0.0, 0.0))
         return (at, longest) if longest > max(_GAP * self.interval_s, _GAP_S) else None
 
-    def add(self, moving: MovingFrame) -> None:
-        """Counts another frame."""
-        self.frames += 1
-        self.dense += moving.dense
-        if moving.dense or not moving.motion.is_zero:
-            self.rectified += 1
-        else:
-            self.reasons[moving.motion.reason or Reason(Code.NO_MOTION)] += 1
-        time_s, motion = moving.frame.time or 0.0, moving.motion
-        if moving.cut:
-            self.cuts_s.append(round(time_s, 3))
-        is_rotation = isinstance(motion, RotationMotion)
-        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3))
-
-    def add_unchanged(self, frames: int, reason: Reason) -> None:
-        """Counts frames left unchanged for the same reason."""
-        self.frames += frames
-        self.reasons[reason] += frames
-
     def as_json(self) -> dict[str, Any]:
         """Returns the record of the run for the log."""
         plausible, ratio = self.readout.plausible_ms, self.ratio
@@ -162,150 +158,3 @@ class ClipOutcome:
         times, turns = (np.array(values, np.float64) for values in zip(*self.turns, strict=True))
         title = f"{Path(self.source).name}, readout time {self.readout_ms:.1f} ms"
         plot_turns(times, 1000 * np.degrees(turns) / self.readout_ms, self.cuts_s, path, title, overwrite)
-
-
-# ---- motion files ------------------------------------------------------------------------------------------------
-
-FORMAT = "unshutter-clip-motion/1"
-_STRIDE = 4  # the rotation of every fourth row is written
-_SAVED = tuple((rows - 1) // _STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # numbers of rotations per frame in a file
-_LARGEST = 1 << 30  # bytes
-
-
-@dataclass(frozen=True)
-class ClipMotion:
-    """The content of a motion file."""
-
-    ratio: float  # readout time in frame intervals
-    readout: Readout  # direction in which the stored pixels were read
-    height: int  # of the stored frames [px]
-    width: int
-    times_s: np.ndarray  # [N] presentation time of each frame [s], increasing
-    motions: list[Motion]  # [N] motions of small pictures (``ROWS``), first row as the reference
-    cuts: list[bool]  # [N] whether a frame shows another scene than the previous one
-    steps: list[Step | None]  # [N] rotation of the camera since the previous frame; None if unknown
-    lens: Lens | None = None  # the camera's lens, if it bends straight lines
-
-    def at(self, time_s: float) -> tuple[Motion, bool, Step | None]:
-        """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it."""
-        k = int(np.abs(self.times_s - time_s).argmin())
-        if abs(self.times_s[k] - time_s) > 0.001:
-            raise UnshutterError(f"the motion file has no frame at {time_s:.3f} s: it belongs to another clip")
-        return self.motions[k], self.cuts[k], self.steps[k]
-
-
-class MotionWriter:
-    """Writes a motion file frame by frame."""
-
-    def __init__(self, stream: TextIO, request: ClipRequest, time: ReadoutTime):
-        self._stream, self._separator, clip = stream, "", request.clip
-        ratio = time.ratio(clip.interval_s)
-        head = {
-            "format": FORMAT,
-            "unshutter": __version__,
-            "height": clip.height,
-            "width": clip.width,
-            "readout": str(request.readout),
-            "frame_interval_s": clip.interval_s,
-            "readout_ratio": ratio.value,
-            "readout_ratio_sd": ratio.error or None,
-            "found_by": ratio.source,
-            **({} if request.lens is None else {"lens": request.lens.as_json()}),
-        }
-        stream.write(json.dumps(head)[:-1] + ', "frames": [\n')
-
-    def add(self, moving: MovingFrame) -> None:
-        """Writes the next frame."""
-        motion = moving.motion
-        record: dict[str, Any] = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
-        if isinstance(motion, RotationMotion):
-            rotations = motion.rotations[::_STRIDE]
-            record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(rotations, 9).tolist()}
-        else:
-            record |= {"rotations_rad": None, "reason": "" if motion.reason is None else str(motion.reason)}
-            record |= {} if motion.reason is None else {"declined": motion.reason.as_json()}
-        if moving.step is not None:
-            focal = moving.step.focal_heights
-            record["step"] = {"turn_rad": np.round(moving.step.turn, 9).tolist(), "focal": focal if focal > 0 else None}
-        self._stream.write(self._separator + json.dumps(record))
-        self._separator = ",\n"
-
-    def end(self) -> None:
-        """Completes the file after the last frame."""
-        self._stream.write("\n]}\n")
-
-
-def load(path: Path) -> ClipMotion:
-    """Reads a motion file.
-
-    Raises:
-        UnshutterError: the file cannot be read, or is not a motion file.
-    """
-    try:
-        data = json.loads(read_text(path, _LARGEST))
-    except OSError as error:
-        raise UnshutterError(f"cannot read motion file {path}: {error.strerror}") from None
-    except (ValueError, RecursionError):
-        raise UnshutterError(f"{path}: not a motion file of a clip") from None
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise UnshutterError(f'{path}: not a motion file of a clip: its "format" is not "{FORMAT}"')
-    try:
-        return _parsed(data)
-    except (KeyError, TypeError, ValueError, OverflowError, UnshutterError) as error:
-        raise UnshutterError(f"{path}: not a usable motion file: {error}") from None
-
-
-def _parsed(data: dict[str, Any]) -> ClipMotion:
-    readout = Readout.parse(data["readout"])
-    height, width = int(data["height"]), int(data["width"])
-    ratio = float(data["readout_ratio"])
-    if not 0 < ratio <= 1 or not 0 < height < 1 << 20 or not 0 < width < 1 << 20:
-        raise ValueError("numbers out of range")
-    frame_height, frame_width = readout.frame_size(height, width)
-    small = max(1, round(frame_width * ROWS / frame_height))
-    lens = Lens.of_json(data["lens"]) if "lens" in data else None
-    motions: list[Motion] = []
-    for frame in data["frames"]:
-        if frame["rotations_rad"] is None:
-            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=reason_of(frame)))
-            continue
-        samples = np.array(frame["rotations_rad"], np.float64)
-        if samples.shape not in [(saved, 3) for saved in _SAVED]:
-            raise ValueError(f"rotations of shape {samples.shape}")
-        rotations = _between(len(samples)) @ samples
-        rotations -= rotations[0]
-        rows = len(rotations)
-        columns = max(1, round(frame_width * rows / frame_height))
-        motions.append(RotationMotion(columns, rotations, float(frame["focal"]) * rows, lens, readout=readout))
-    times = np.array([float(frame["time_s"]) for frame in data["frames"]])
-    if not len(times) or not np.isfinite(times).all():
-        raise ValueError("no frames, or times that are not numbers")
-    cuts = [bool(frame["cut"]) for frame in data["frames"]]
-    steps = [_step(frame) for frame in data["frames"]]
-    return ClipMotion(ratio, readout, height, width, times, motions, cuts, steps, lens)
-
-
-def _step(frame: dict[str, Any]) -> Step | None:
-    """Returns the camera's rotation since the previous frame; files of earlier versions lack it."""
-    record = frame.get("step")
-    if record is None:
-        return None
-    turn, focal = np.array(record["turn_rad"], np.float64), record["focal"]
-    if turn.shape != (3,) or not np.isfinite(turn).all():
-        raise ValueError("a turn that is not three numbers")
-    return Step(turn, np.nan if focal is None else float(focal))
-
-
-@cache
-def _between(saved: int) -> np.ndarray:
-    """[rows, saved] weights that interpolate all rows by cubics through four saved rows."""
-    rows = (saved - 1) * _STRIDE + 1
-    at = np.arange(rows) / _STRIDE
-    first = np.clip(np.floor(at).astype(int) - 1, 0, saved - 4)
-    weights = np.zeros((rows, saved))
-    for j in range(4):
-        factor = np.ones(rows)
-        for k in set(range(4)) - {j}:
-            factor *= (at - first - k) / (j - k)
-        weights[np.arange(rows), first + j] = factor
-    return weights

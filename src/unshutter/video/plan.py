@@ -1,0 +1,85 @@
+"""The plan for a clip: its motion is undone, or it is left unchanged for a reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from unshutter.errors import UnshutterError
+from unshutter.readout_time import ReadoutSource, ReadoutTime
+from unshutter.reasons import Code, Reason
+from unshutter.video.camera import ClipCamera, find_camera
+from unshutter.video.clip import ClipRequest
+from unshutter.video.gain import gain_of_clip, is_tested
+from unshutter.video.motion_file import ClipMotion, load
+from unshutter.video.readout import too_little_to_see
+from unshutter.video.survey import Survey, survey
+
+
+@dataclass(frozen=True, eq=False)
+class Undo:
+    """The motion of the frames is undone."""
+
+    motion: ClipMotion | None = None  # from a file; None: it is found in the frames
+
+
+@dataclass(frozen=True)
+class Leave:
+    """No frame is straightened."""
+
+    reason: Reason
+    frames: int | None = None  # number of frames, if all were examined
+
+
+Plan: TypeAlias = Undo | Leave
+
+
+def make_plan(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipRequest, ClipCamera, Plan]:
+    """Returns the plan for a clip with what is known of its camera, and the request of a clip of that camera.
+
+    Args:
+        found: what was found earlier in the same clip.
+    """
+    if request.options.motion is not None:
+        return _plan_of_file(request)
+    camera, evidence = find_camera(request, found)
+    request = replace(request, lens=camera.lens)
+    plan = plan_from(request, camera, evidence)
+    by_frames = camera.readout.declined is None
+    if isinstance(plan, Leave) and by_frames and not evidence.is_whole:  # now all frames are asked
+        span_s = request.options.start, request.options.end
+        plan = plan_from(request, camera, survey(request, [span_s], request.steps("looking")).through(camera.lens))
+    is_used = by_frames and (isinstance(plan, Undo) or plan.reason.code is not Code.NOTHING_TO_SEE)
+    if found is None and camera.readout.source is not ReadoutSource.GIVEN and is_used:
+        request.observer.note_readout(camera.readout, request.clip.interval_s)
+    return request, camera, plan
+
+
+def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
+    """Returns the plan for a clip by what its tracked frames show."""
+    time, options = camera.readout, request.options
+    frames = len(evidence.parts[0]) if evidence.is_whole else None
+    if time.declined is not None:
+        return Leave(time.declined, frames)
+    if time.plausible_s is not None and options.steadiness.stabilize is None:
+        visibility = too_little_to_see(request, evidence, time.longest_s)
+        if visibility is not None:
+            return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1)), frames)
+    if time.source is ReadoutSource.GIVEN or not is_tested(options):
+        return Undo()
+    reason = gain_of_clip(request, time, camera.gyro and camera.gyro.turns, evidence).declined()
+    return Undo() if reason is None else Leave(reason, frames)
+
+
+def _plan_of_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
+    """Returns the plan by a motion file, which tells readout time and direction, and the lens."""
+    clip = request.clip
+    assert request.options.motion is not None
+    motion = load(request.options.motion)
+    if (motion.height, motion.width) != (clip.height, clip.width):
+        raise UnshutterError(
+            f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "
+            f"{clip.width}x{clip.height}: it belongs to another clip"
+        )
+    time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
+    return replace(request, readout=motion.readout, lens=motion.lens), ClipCamera(time, motion.lens), Undo(motion)
