@@ -98,7 +98,7 @@ def _refused(answer: httpx.Response, status: int, told: str) -> None:
         thorough({}),
         thorough(RATIO),
         {"readout-ms": "15", "strength": "0.5", "edges": "crop"},
-        RATIO | {"reference": "last"},
+        thorough(RATIO | {"reference": "last"}),
     ],
 )
 def test_a_clip_is_the_command_lines(

@@ -7,6 +7,7 @@ from playwright.sync_api import Browser, Dialog, Page, expect
 
 from support.batches import rectify
 from support.browser import SLOW_MS, drop, wait_for
+from support.covering import thorough
 from support.page_server import Server
 from unshutter.photo import Photo
 
@@ -334,7 +335,7 @@ def test_on_a_phone_the_verdict_is_seen_and_the_next_photo_starts_at_its_top(
     page.close()
 
 
-@pytest.mark.parametrize(("width", "height", "font"), [(844, 390, 15), (1400, 900, 32), (390, 844, 32)])
+@pytest.mark.parametrize(("width", "height", "font"), [thorough(844, 390, 15), thorough(1400, 900, 32), (390, 844, 32)])
 def test_a_phone_on_its_side_and_large_text(
     chromium: Browser, server: Server, photo: Path, width: int, height: int, font: int
 ) -> None:

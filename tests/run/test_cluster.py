@@ -89,6 +89,7 @@ def test_a_worker_is_killed_on_the_way(cluster, archive: Path, motion: Path, tmp
     assert f"{PHOTOS} finished already" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_the_scheduler_is_killed_on_the_way(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
     out, told = tmp_path / "out", tmp_path / "scheduler.json"
     words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", told]

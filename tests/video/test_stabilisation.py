@@ -104,7 +104,9 @@ def test_frames_that_show_nothing_do_not_break_the_path(tmp_path, shaken, kept):
     assert shake(steady[:21]) < 0.3 * shake(kept[:21]) and shake(steady[25:]) < 0.3 * shake(kept[25:])
 
 
-@pytest.mark.parametrize("flags", [("--edges", "crop"), ("--model", "dense"), thorough(("--strength", "0.5"))])
+@pytest.mark.parametrize(
+    "flags", [thorough(("--edges", "crop")), ("--model", "dense"), thorough(("--strength", "0.5"))]
+)
 def test_it_goes_with_other_options(tmp_path, shaken, kept, flags):
     steady, _ = straighten(shaken, tmp_path, "--stabilize", *flags)
     assert shake(steady) < 0.2 * shake(kept)

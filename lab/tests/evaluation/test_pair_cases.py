@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from support.covering import thorough
 from support.drawn_photos import textured
 from support.fixed_estimator import Fixed
 from unshutter import Motion, RowMotion
@@ -41,7 +42,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Frame, dict[str, Mot
     return Frame("pair", 0, folder / "rs_0.png", files), motions
 
 
-@pytest.mark.parametrize("reference", ["first", "middle"])
+@pytest.mark.parametrize("reference", [thorough("first"), "middle"])
 def test_the_ceiling_finds_the_motion_of_a_pair(pair: tuple[Frame, dict[str, Motion]], reference: str) -> None:
     frame, motions = pair
     rs, gs = (in_8_bits(Photo.open(path)) for path in (frame.rs, frame.gs[reference]))

@@ -97,6 +97,7 @@ def test_what_is_left_alone_is_not_improved_by_rectify() -> None:
     assert cells_of(text, "old", heads) == ["0%", "–", "–"]
 
 
+@pytest.mark.thorough
 def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
     synthesize_folder([photos / "a.png"], tmp_path / "made")
     assert run(tmp_path / "made", tmp_path / "out", "--protocol", "pairs", estimators="none") == 0

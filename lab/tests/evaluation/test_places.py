@@ -188,6 +188,7 @@ def test_pictures_go_into_a_new_folder(yards: Path, tmp_path: Path, capsys: pyte
     assert "not empty" in one_line(capsys) and (tmp_path / "mine.txt").read_text() == "kept"
 
 
+@pytest.mark.thorough
 def test_the_page_of_the_benchmark_is_written_without_other_data(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "lab" / "benchmarks" / "places.py"), "--estimators", "none"]
     done = subprocess.run([*command, "--photos", "1", "--jobs", "1"], cwd=tmp_path, capture_output=True, text=True)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from support.covering import covering
+from support.covering import covering, thorough
 from support.gradients import check_jacobian
 from support.line_scenes import (
     FOCAL,
@@ -52,7 +52,7 @@ def test_weights_are_the_slope_of_the_cost() -> None:
     assert _loss(r)[0][2] == 9 > _loss(r)[0][5]  # only distances have outliers
 
 
-@pytest.mark.parametrize(("degrees", "left"), [(((0, 0, 7),), 0.15), (((0, 0, -5),), 0.15)])
+@pytest.mark.parametrize(("degrees", "left"), [(((0, 0, 7),), 0.15), thorough(((0, 0, -5),), 0.15)])
 def test_a_drawn_picture_goes_through_the_detector(degrees, left: float) -> None:
     check_drawn_picture("lao2018", degrees, left)
 

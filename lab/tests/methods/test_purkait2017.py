@@ -66,7 +66,7 @@ def test_a_true_rotation_is_found_although_the_model_is_of_first_order(degrees: 
     check_exact(motion_of(np.stack([0 * U, 0 * U, -rate * U * HEIGHT / FOCAL], axis=1)), truth)
 
 
-@pytest.mark.parametrize(("degrees", "left"), [(((0, 0, 7),), 0.1), (((0, 0, -5),), 0.1)])
+@pytest.mark.parametrize(("degrees", "left"), [(((0, 0, 7),), 0.1), thorough(((0, 0, -5),), 0.1)])
 def test_a_drawn_picture_goes_through_the_detector(degrees, left: float) -> None:
     check_drawn_picture("purkait2017", degrees, left)
 

@@ -61,7 +61,7 @@ def test_the_gradient_of_the_cost() -> None:
     check_jacobian(lambda x: loss(residuals(x))[0].sum(), at, gradient, rtol=1e-3, atol=0.1)
 
 
-@pytest.mark.parametrize(("degrees", "left"), [(QUADRATIC, 0.15), (((0, -4, -3),), 0.15)])
+@pytest.mark.parametrize(("degrees", "left"), [(QUADRATIC, 0.15), thorough(((0, -4, -3),), 0.15)])
 def test_a_drawn_picture_goes_through_the_detector(degrees, left: float) -> None:
     check_drawn_picture("rengarajan2016", degrees, left)
 
