@@ -188,7 +188,7 @@ def test_zoom_by_wheel_keys_and_pinch(page: Page, photo: Path) -> None:
     moved = page.locator(".compare").bounding_box()
     assert moved is not None and (moved["x"] - zoomed["x"], moved["y"] - zoomed["y"]) == pytest.approx((30, 20), abs=1)
     shown = page.locator("#zoom option:checked")
-    expect(shown).to_have_text(f"{int(100 * _whole(page) / 560 + 1e-6)} %")
+    expect(shown).to_have_text(f"{round(100 * _whole(page) / 560)} %")
     page.locator("#zoom").select_option("100 %")
     expect(shown).to_have_text("100 %")
     assert _whole(page) == pytest.approx(560, abs=0.5)  # one pixel of the screen for each of the photo
