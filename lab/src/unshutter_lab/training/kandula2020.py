@@ -407,24 +407,33 @@ class Shown(nn.Module):
     """
 
     mirrored: Tensor
-    rows: Tensor
+    unit: Tensor
 
     def __init__(self, network: Kandula2020):
         super().__init__()
-        self.network, size, shown = network, network.config.size, network.config.shown
-        self.size = size
-        rows = F.interpolate(torch.eye(size)[None], size=shown, mode="linear")[0]  # [size, shown]
-        unit = torch.tensor([shown / size, 1.0])[:, None, None]
-        self.register_buffer("mirrored", torch.arange(size).flip(0), persistent=False)
-        self.register_buffer("rows", rows * unit, persistent=False)
+        self.network, self.size = network, network.config.size
+        shown = network.config.shown
+        rows = F.interpolate(torch.eye(self.size)[None], size=shown, mode="linear")[0]  # [size, shown]
+        degree = network.config.trajectory_degree
+        self.smooth = nn.ParameterList()  # matrices by which rows are multiplied in turn
+        if network.trajectory is not None:  # of few degrees of freedom, so that narrow matrices suffice
+            left, sizes, right = torch.linalg.svd(network.trajectory.smoother.cpu())
+            self.smooth.append(left[:, : degree + 1] * sizes[: degree + 1])
+            rows = right[: degree + 1] @ rows
+        self.smooth.append(rows)
+        self.smooth.requires_grad_(False)
+        self.register_buffer("mirrored", torch.arange(self.size).flip(0), persistent=False)
+        self.register_buffer("unit", torch.tensor([[shown / self.size], [1.0]]), persistent=False)
 
     def forward(self, rs: Tensor) -> tuple[Tensor]:
         """Returns motion [1, 2, shown] of rs [1, 3, shown, shown]: t_x [px of the picture given] and r_z [rad]."""
         small = F.interpolate(rs, size=(self.size, self.size), mode="bilinear")
-        motion = self.network.one_look(small)
+        motion = self.network.motion_block(_scaled(small))
         if self.network.config.mirror_average:
-            motion = (motion - self.network.one_look(small[..., self.mirrored])) / 2
-        return (torch.cat([motion[:, k : k + 1] @ self.rows[k] for k in range(2)], 1),)
+            motion = (motion - self.network.motion_block(_scaled(small[..., self.mirrored]))) / 2
+        for matrix in self.smooth:
+            motion = motion @ matrix
+        return (motion * self.unit,)
 
 
 def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
