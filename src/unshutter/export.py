@@ -26,9 +26,9 @@ from unshutter.motion.finding import Finding
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.verdict import Speed, judge
 from unshutter.options import MAX_PIXELS, Find, Reference, Undo
-from unshutter.photo import Photo
 from unshutter.photo.film import films_beside
 from unshutter.photo.libvips import libvips, refusing
+from unshutter.photo.photo import open_photo
 from unshutter.single.register import weights_file
 from unshutter.storage.files import check_target, read_text, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles
@@ -129,7 +129,7 @@ def map_file(
         height, width = motion.readout.frame_size(motion.height, motion.width)
         finding = Finding(motion).fit(height, width, find.camera.readout)
     else:
-        finding = find_motion(Photo.open(source), find).choose(find.candidate)
+        finding = find_motion(open_photo(source), find).choose(find.candidate)
     motion = finding.motion.rereferenced(reference or finding.motion.reference)
     motion = Finding(motion).fit(*map_size).motion if map_size else motion
     PixelMap.of(motion, inverse).save(output, overwrite)

@@ -171,7 +171,7 @@ async def _picture(request: Request) -> Response:
         open_file.path.with_name(f"{what}-{token}{PurePosixPath(name).suffix}")
         for what, name in zip(("result", "copy"), names, strict=True)
     ]
-    report = await _do(request, Urgency.NOW, photo_jobs.saved, *targets, options)
+    report = await _do(request, Urgency.NOW, photo_jobs.save, *targets, options)
     target = open_file.path.with_name(report.pop("result"))
     name = names[[each.name for each in targets].index(target.name)]
     headers = {"unshutter-result": _header(report), "unshutter-name": _header(name)}
@@ -184,7 +184,7 @@ async def _motion(request: Request) -> Response:
     open_file, options = _open_file(request), _photo_options(request)
     if options.neighbours:
         raise UsageError("with neighbours, there may be no single motion: leave them out to save one")
-    text = await _do(request, Urgency.NOW, photo_jobs.estimated, options)
+    text = await _do(request, Urgency.NOW, photo_jobs.estimate, options)
     name = _header(motion_name(PurePosixPath(open_file.name).stem))
     return Response(text, media_type="application/json", headers={"unshutter-name": name})
 

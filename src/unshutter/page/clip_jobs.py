@@ -13,7 +13,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
-from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, digest, errors_of, kept, put, put_text
+from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, kept, put, put_text
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.progress import SILENT
 from unshutter.reasons import Reason
@@ -92,7 +92,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
 def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
     """Returns the path of a WebM film around a moment, with each frame before (left) and after (right), upright."""
     with _look(open_file) as clip:
-        file = open_file.path.with_name(f"film-{digest(options, moment)}.webm")
+        file = open_file.path.with_name(f"film-{hash_options(options, moment)}.webm")
         if not file.exists():
             pairs = _pairs(open_file, clip, options, moment)
             put(file, lambda part: _write(part, pairs, clip.interval_s))
@@ -164,7 +164,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     time = camera.readout
     if time.declined is not None:
         return MovingFrame(_frame_at(clip, time_s), RowMotion.zero(ROWS, ROWS, reason=time.declined))
-    file = open_file.path.with_name(f"moment-{digest(options.shutter, time, time_s, usual)}.json")
+    file = open_file.path.with_name(f"moment-{hash_options(options.shutter, time, time_s, usual)}.json")
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)

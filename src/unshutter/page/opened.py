@@ -21,6 +21,7 @@ from unshutter.options import Neighbours
 from unshutter.orientation import Orientation, Readout
 from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, refusing
+from unshutter.photo.photo import open_photo
 from unshutter.progress import ClipObserver
 
 if TYPE_CHECKING:
@@ -71,10 +72,10 @@ class ProgressFile(ClipObserver):
 
 def opened(open_file: OpenFile) -> Photo:
     """Opens the photo without decoding its pixels."""
-    return Photo.open(open_file.path, open_file.max_pixels)
+    return open_photo(open_file.path, open_file.max_pixels)
 
 
-def digest(*values: object) -> str:
+def hash_options(*values: object) -> str:
     """Hashes a combination of options into a short name."""
     return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
 
@@ -93,7 +94,7 @@ def put_text(file: Path, text: str) -> None:
 
 def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], Any]) -> Any:
     """Returns what ``make`` returned as JSON for these options, made now unless a worker has done so before."""
-    file = open_file.path.with_name(f"{what}-{digest(*key)}.json")
+    file = open_file.path.with_name(f"{what}-{hash_options(*key)}.json")
     if not file.exists():
         put_text(file, json.dumps(make()))
     return json.loads(file.read_text(encoding="utf-8"))

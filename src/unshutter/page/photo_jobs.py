@@ -59,14 +59,14 @@ def warm() -> int:
     return os.getpid()
 
 
-def estimated(open_file: OpenFile, options: PhotoOptions) -> str:
+def estimate(open_file: OpenFile, options: PhotoOptions) -> str:
     """Returns the photo's motion as JSON, in the format of `unshutter estimate`."""
     with errors_of(open_file):
         finding, undo = _find(open_file, opened(open_file), options)
         return finding.motion.rereferenced(undo.reference or "first").to_json() + "\n"
 
 
-def saved(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> dict[str, Any]:
+def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> dict[str, Any]:
     """Writes the rectified photo exactly as `unshutter rectify` does, and returns the verdict and a note as JSON.
 
     A photo that is left unchanged is written to ``unchanged``, or not at all; ``result`` is the name of the file.

@@ -107,7 +107,7 @@ class Saving:
                 name, format = open_file.name, options.save.format
                 unchanged = None if self.only_changed else self._free_name(unchanged_name(PurePosixPath(name), format))
                 places = self._free_name(photo_result(name, format)), unchanged
-                report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, open_file, *places, options)
+                report = await desk.lanes.do(Urgency.LATER, photo_jobs.save, open_file, *places, options)
         except UnshutterError as error:
             return refusal(error)
         except OSError as error:

@@ -373,8 +373,8 @@ _PILLOW_MODES = ("L", "LA", "RGB", "RGBA", "I;16")
 AnyPhoto: TypeAlias = "str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO | np.ndarray | Image | Photo"
 
 
-def open_photo(argument: Any) -> Photo:
-    """Opens the photo that an argument represents.
+def open_photo(argument: Any, max_pixels: int = MAX_PIXELS) -> Photo:
+    """Opens the photo that an argument represents; files with more than ``max_pixels`` are refused.
 
     Bytes and streams are encoded files; floating-point pixels from 0 to 1 are converted to 16 bits; of a Pillow image,
     only the pixels are used.
@@ -382,15 +382,15 @@ def open_photo(argument: Any) -> Photo:
     if isinstance(argument, Photo):
         return argument
     if isinstance(argument, (str, os.PathLike)):
-        return Photo.open(argument)
+        return Photo.open(argument, max_pixels)
     if isinstance(argument, (bytes, bytearray, memoryview)):
-        return Photo.from_bytes(bytes(argument))
+        return Photo.from_bytes(bytes(argument), max_pixels)
     made_from = files_behind(argument)
     if callable(getattr(argument, "read", None)):
         data = argument.read()
         if not isinstance(data, bytes):
             raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
-        return replace(Photo.from_bytes(data), made_from=made_from)
+        return replace(Photo.from_bytes(data, max_pixels), made_from=made_from)
     import numpy as np
 
     photo = Photo.from_array(_pixels(argument))

@@ -12,7 +12,7 @@ from unshutter.errors import UnshutterError, WeightsError
 from unshutter.options import MAX_PIXELS, Find, Undo
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
-from unshutter.photo.photo import PREVIEW
+from unshutter.photo.photo import PREVIEW, open_photo
 from unshutter.single.register import load, method
 from unshutter.storage.locations import Place, read_place
 
@@ -30,10 +30,7 @@ def open_input(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:
 
     Raises PreviewError for previews, which otherwise would be taken for photos by the next run over their folder.
     """
-    if isinstance(place, Path):
-        photo = Photo.open(place, max_pixels)
-    else:
-        photo = Photo.from_bytes(read_place(place), max_pixels)
+    photo = open_photo(place if isinstance(place, Path) else read_place(place), max_pixels)
     if photo.software == PREVIEW:
         raise PreviewError("it is a preview that unshutter made, not a photo")
     return photo

@@ -16,7 +16,7 @@ from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
 from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
 from unshutter.run.manifest import Manifest
-from unshutter.run.plan import Goal, Outputs, Plan, motion_targets, planned, with_bursts, with_motions
+from unshutter.run.plan import Goal, Outputs, Plan, add_bursts, add_motions, make_plan, motion_targets
 from unshutter.run.report import Report, Tell, about, each_photo
 from unshutter.run.work import do_job
 from unshutter.single import register
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, request: Rectify, run: Run) -> int:
     """Rectifies each photo into its own file; returns the exit code."""
     inputs = find_photos(photos, leave_out=into.pictures.place if into.pictures is not None else None)
-    plan = planned(inputs, into, request, run)
+    plan = make_plan(inputs, into, request, run)
     manifest = None
     if plan.home is not None:
         motion = None if plan.given is None else plan.given.motion.to_json()
@@ -51,9 +51,9 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         for job in plan.finished:
             folder.add(job, manifest.judged(job))
     if request.neighbours.sequence and plan.to_do:
-        plan.to_do, ratio = with_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
+        plan.to_do, ratio = add_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
     elif plan.judged_together and request.find.estimator == Find().estimator:
-        plan.to_do = with_bursts(plan)
+        plan.to_do = add_bursts(plan)
     ahead: Iterable[Ahead] = ()
     if run.jobs is run.scheduler is run.timeout is None:
         sources = [job.source for job in plan.to_do if job.burst is None]

@@ -123,9 +123,9 @@ class Plan:
                 self.to_do.append(known)
 
 
-def planned(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
+def make_plan(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
     """Plans a run: creates a job for each photo, and checks the files that are not a photo's own."""
-    request = _checked(request, inputs, into, run)
+    request = _check_request(request, inputs, into, run)
     jobs, home = _jobs_for(inputs, into, request, run), _manifest_folder(inputs, into, run)
     check_name(request.find.estimator)
     given = None
@@ -153,7 +153,7 @@ def planned(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
     return Plan(jobs, inputs=inputs, request=request, given=given, run=run, files=files, home=home)
 
 
-def _checked(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Rectify:
+def _check_request(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Rectify:
     """Checks the request against the photos and outputs; returns it adapted to motion files and masks."""
     neighbours, save, undo = request.neighbours, request.save, request.undo
     goal = into.pictures
@@ -309,7 +309,7 @@ _GUESSED_ERROR = 0.25  # of a usual readout ratio
 _RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
 
 
-def with_motions(
+def add_motions(
     jobs: list[Job], photos: list[Place], request: Rectify, max_pixels: int
 ) -> tuple[list[Job], ReadoutRatio | None]:
     """Returns the jobs that remain, each with the motion of its photo, and the readout ratio found from the frames.
@@ -341,7 +341,7 @@ def with_motions(
     return complete, None if stated is not None else finder.ratio
 
 
-def with_bursts(plan: Plan) -> list[Job]:
+def add_bursts(plan: Plan) -> list[Job]:
     """Returns the jobs to do, those of photos taken just before or after others with what these show about them."""
     places = [absolute(job.source) for job in plan.to_do]
     found = bursts_among(plan.inputs.photos, {*places}, plan.request.find.camera, plan.run.max_pixels)
