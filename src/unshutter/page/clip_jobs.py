@@ -84,7 +84,8 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
             "ms_sd": time.error_ms,
             "found_by": time.source,
             "cameras": time.camera,
-            "plausible_ms": time.plausible_ms,  # range of the typical time; None if the time is known
+            # range of the typical time, of which no frame takes longer than one; None if the time is known
+            "plausible_ms": time.plausible_ms and [min(each, 1000 * clip.interval_s) for each in time.plausible_ms],
             "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time is used
         }
 
