@@ -37,8 +37,8 @@ _ORDER = ("places", "synthetic", "native", "trajectory", "portrait", "exposure",
 _ORDER += ("robustness", "pairs", "sequences", "video")
 BACK = "[All results](index.md)"
 ABOUT = (
-    "Errors are the median EPE (the mean distance of pixels from where they belong), or its mean where the table says "
-    "so, in pixels of a picture of 256 rows; gains are in PSNR over the unchanged frame. *Best other* is the method "
+    "Errors are the median EPE (the mean distance of pixels from where they belong), or its mean where stated, "
+    "in pixels of a picture of 256 rows; gains are in PSNR over the unchanged frame. *Best other* is the method "
     "with the best mean. Each question leads to its page, with the command that measures it and all figures as CSV."
 )
 MORE = {

@@ -75,7 +75,7 @@ class Steps:
 
 
 class ClipObserver:
-    """Is told how the work on a clip goes on; this one does nothing with it."""
+    """Receives the progress of the work on a clip; this one ignores it."""
 
     def note_progress(self, what: str, done: int, total: int) -> None:
         """Is called for every step of the work, with its kind, the number that are done, and their total."""

@@ -35,6 +35,7 @@ def words_of(command: str, key: str, odd: Path, photo: Path, out: Path) -> list[
     words, kind = [command], command_named(command).arguments
     for each in options_of(kind):
         is_needed = each.default is MISSING and each.more["names"] == "input"
+        is_needed |= (command, each.key) == ("evaluate", "data")  # by all protocols but one
         if is_needed or each.key == key:
             words += [] if each.more.get("positional") else [f"--{each.name}"]
             words += [str(odd if each.key == key else photo)]

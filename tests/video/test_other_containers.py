@@ -99,7 +99,7 @@ def test_sound(tmp_path, capsys, sound, ending, kept):
 def test_a_codec_that_the_film_cannot_hold(tmp_path, capsys, codec, ending):
     source = clips.write(tmp_path / "in.avi", GREYS, codec, "yuv422p" if codec == "huffyuv" else "yuv420p")
     words = [source, "-o", tmp_path / f"out{ending}", *clips.KNOWN]
-    refused(capsys, words, 1, f"cannot write {codec} into {ending} films", "--codec, such as libx264")
+    refused(capsys, words, 1, f"cannot write {codec} into {ending} films", "add --codec libx264")
     assert left_behind(tmp_path) == []
 
 

@@ -110,7 +110,7 @@ class Certainty(StrEnum):
         return cls.SURE if confidence >= SURE else cls.LIKELY if confidence >= LIKELY else cls.UNSURE
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Verdict:
     """Whether a motion is undone, and why if it is not; and whether the photo is turned upright."""
 

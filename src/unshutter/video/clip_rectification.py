@@ -48,7 +48,7 @@ def rectify_clip_file(
 
     Args:
         found: what is known of the camera from an earlier look; its readout time is ignored if the options state it.
-        observer: is told how the work goes on.
+        observer: receives the progress of the work.
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
     clip = look(path, options.max_pixels, until_s=options.end)

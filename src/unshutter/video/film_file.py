@@ -60,7 +60,7 @@ class FilmWriter:
         ending: file ending of the film, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
         start_s: time in the input that becomes 0 in the new film [s].
-        observer: is told once, early, the bit rates of the clip and of the new film if they differ considerably.
+        observer: receives the bit rates of the clip and of the new film, once and early, if they differ considerably.
     """
 
     def __init__(
