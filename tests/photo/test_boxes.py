@@ -90,3 +90,8 @@ def test_photos_name_them() -> None:
     assert Photo.from_bytes(made).encode("avif").left_out == ()
     for bands in (3, 4):
         assert Photo.from_bytes(encoded(drawn(bands=bands), "AVIF")).encode().left_out == ()
+
+
+def test_a_box_that_claims_more_bytes_than_can_be_counted_is_the_last() -> None:
+    endless = struct.pack(">I4sQ", 1, b"free", 2**64 - 1)
+    assert extras_in_words(io.BytesIO(file_of([], [], {}).getvalue() + endless)) == ()

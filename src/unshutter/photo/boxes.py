@@ -44,9 +44,9 @@ def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
     """
     length, at = file.seek(0, io.SEEK_END), 0
     for _ in range(_MOST_BOXES):
-        file.seek(at)
         if at + _HEAD > length:
             return
+        file.seek(at)
         head, size, name = _head(file.read(_LONG_HEAD), length - at)
         if size < head:
             return
