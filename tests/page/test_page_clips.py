@@ -221,6 +221,7 @@ def test_before_and_after_play_in_step(page: Page, walk: Path) -> None:
     expect(page.get_by_role("button", name="Play before and after")).to_be_visible()
     page.locator("#play-at").fill("0.1")
     page.wait_for_function("() => document.querySelector('#play-at').value === '0.1'")
+    page.wait_for_timeout(500)  # until the frame there is drawn: the one before may be that of 0.9
     early = _canvas(page, "before")
     assert early != _canvas(page, "after")  # the other half shows the same frame, straightened
     page.locator("#play-at").fill("0.9")
