@@ -25,7 +25,8 @@ from unshutter.motion.geometry import rs_to_gs
 from unshutter.photo import Photo
 from unshutter_lab.methods.networks import SIZE
 from unshutter_lab.methods.onnx import onnx_runtime
-from unshutter_lab.training.kandula2020 import edge_loss, rectify, regenerate, sobel, visible_mse
+from unshutter_lab.training.kandula2020 import rectify, regenerate
+from unshutter_lab.training.kandula2020_losses import edge_loss, sobel, visible_mse
 from unshutter_lab.training.motions import draw_motions
 from unshutter_lab.training.pixels import pixel_grid, rs_positions, synthesise
 

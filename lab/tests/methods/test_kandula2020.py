@@ -9,7 +9,7 @@ nn = torch.nn
 from unshutter.errors import UnshutterError, UsageError
 from unshutter_lab.methods.row_map import gs_to_rs_by_row_map
 from unshutter_lab.training.config import TrainConfig
-from unshutter_lab.training.kandula2020 import KandulaRecipe
+from unshutter_lab.training.kandula2020_recipe import KandulaRecipe
 from unshutter_lab.training.pixels import draw_picture, rs_positions
 
 torch.set_num_threads(1)

@@ -15,13 +15,12 @@ from unshutter_lab.training.config import from_table
 from unshutter_lab.training.kandula2020 import (
     Kandula2020,
     Kandula2020Config,
-    LossConfig,
     Trajectory,
-    picture_losses,
     rectified_so_far,
     rectify,
     regenerate,
 )
+from unshutter_lab.training.kandula2020_losses import LossConfig, picture_losses
 from unshutter_lab.training.pixels import PixelConfig, PixelData, from_first_row, rs_positions
 
 torch.set_num_threads(1)

@@ -13,7 +13,9 @@ nn = torch.nn
 from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
 from unshutter.errors import UsageError
 from unshutter_lab.training.config import TrainConfig, load_config, shipped_configs
-from unshutter_lab.training.kandula2020 import Kandula2020Config, KandulaRecipe, LossConfig, row_map_error
+from unshutter_lab.training.kandula2020 import Kandula2020Config
+from unshutter_lab.training.kandula2020_losses import LossConfig, row_map_error
+from unshutter_lab.training.kandula2020_recipe import KandulaRecipe
 from unshutter_lab.training.pixels import rs_positions, sample, sampled_motion
 from unshutter_lab.training.recipes import make_recipe
 from unshutter_lab.training.train import make_optimiser, rate_at, run

@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="training needs torch")
 
-from unshutter_lab.training.kandula2020 import edge_loss, sobel, visible_mse
+from unshutter_lab.training.kandula2020_losses import edge_loss, sobel, visible_mse
 from unshutter_lab.training.recipes import motion_distance, motion_mse
 
 torch.set_num_threads(1)

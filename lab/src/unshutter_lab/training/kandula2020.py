@@ -1,4 +1,4 @@
-"""kandula2020: the paper's network (Kandula, Kumar, Rajagopalan, JOSA A 37(10) 1574, 2020), block by block, and losses.
+"""kandula2020: the paper's network (Kandula, Kumar, Rajagopalan, JOSA A 37(10) 1574, 2020), block by block.
 
     motion block         RS picture -> t_x and r_z of every row
     trajectory module    their least-squares cubic
@@ -10,19 +10,13 @@ The paper leaves kernel sizes, channels, strides and pooling open; they are fiel
 are ours: the last layer of the row block is linear and without batch normalisation, because a residual is signed, and
 the row block works on a coarse grid that is enlarged, because a few pixels around a position do not reveal the
 rotation. Positions and motions are as in pixels.py.
-
-The paper's losses are squared L2 norms; here each is a mean over valid pixels (and channels), so that the weights
-1, 1, 0.5, 0.5 have the same meaning at every picture and batch size. A pixel of a warped picture is valid if its
-sampling position lies inside a valid part of the source, so that a black pixel of the scene counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -30,61 +24,8 @@ from torch.nn import functional as F
 
 from unshutter.errors import UsageError
 from unshutter.motion import geometry
-from unshutter_lab.training.config import TrainConfig, from_table
-from unshutter_lab.training.pixels import Samples, from_first_row, pixel_grid, rs_positions, sample
-from unshutter_lab.training.recipes import PixelRecipe, motion_distance, motion_mse, motion_size
-from unshutter_lab.training.weights import export_onnx
-
-
-@dataclass(frozen=True)
-class LossConfig:
-    """Weights and phases; a weight of 0 omits its loss (ablations)."""
-
-    rectified: float = 1.0  # lambda_1
-    regenerated: float = 1.0  # lambda_2
-    rectified_edges: float = 0.5  # lambda_3
-    regenerated_edges: float = 0.5  # lambda_4
-    regress_steps: int = 800  # first phase: steps in which the true motion is regressed
-    regress_photos: int = 50  # photos of the first phase; 0: all
-    # Weight of the regression, chosen so that the gradients of both phases have a similar size: Adam divides by the
-    # size it remembers, and with a weight of 1 the second phase's first steps would be several times too long.
-    regress: float = 30.0
-    # mean squared error, or mean distance, which is less sensitive to outliers
-    regress_norm: Literal["square", "distance"] = "square"
-    # Weight of the row map's own error in the first phase; ours: the paper's row block learns from pictures alone.
-    row_residual: float = 0.0
-    again: float = 0.0  # share of the first phase's pictures that are seen as the network itself rectifies them (ours)
-    at_a_time: int = 0  # pictures whose losses are computed together, since few fit into a CPU's cache; 0: all
-    regress_only: bool = False  # the paper's own ablation: no second phase, all photos
-
-
-def visible_mse(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """Visibility-aware MSE of [B, C, H, W]: mean of (warped - mask * target)^2 where the mask [B, 1, H, W] is 1."""
-    return (warped - mask * target).square().sum() / (mask.sum() * warped.shape[1]).clamp(min=1)
-
-
-def edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """Mean squared difference of the Sobel edges over the pixels without invalid neighbours.
-
-    The paper's own form, E(warped) - mask * E(target), also penalises the border of the warped picture.
-    """
-    inner = 1 - F.max_pool2d(F.pad(1 - mask, (1, 1, 1, 1)), 3, stride=1)
-    difference = sobel(warped - target) * inner  # Sobel is linear
-    return difference.square().sum() / (inner.sum() * difference.shape[1]).clamp(min=1)
-
-
-def sobel(picture: Tensor) -> Tensor:
-    """Returns Sobel derivatives along columns, then rows: [B, C, H, W] -> [B, 2 C, H, W].
-
-    Weights 1, 2, 1 and -1, 0, 1 without a factor, borders mirrored, as Sobel edges in the paper's framework.
-    """
-    p = F.pad(picture, (1, 1, 1, 1), mode="reflect")
-    across = p[..., 2:] - p[..., :-2]
-    down = p[..., 2:, :] - p[..., :-2, :]
-    d_col = across[..., :-2, :] + 2 * across[..., 1:-1, :] + across[..., 2:, :]
-    d_row = down[..., :-2] + 2 * down[..., 1:-1] + down[..., 2:]
-    return torch.cat([d_col, d_row], 1)
-
+from unshutter_lab.training.pixels import pixel_grid, rs_positions, sample
+from unshutter_lab.training.recipes import motion_size
 
 _TX_SCALE, _RZ_SCALE = 32.0, 0.32  # px and rad per unit of output: both about the largest of typical motions
 _ROW_SCALE = 8.0  # rows per unit of output
@@ -107,9 +48,8 @@ class Kandula2020Config:
     kept: int = 0  # first convolutions that, like the row block then, keep the weights with which a run starts (ours)
     # in inference, a picture is looked at this often, each time as rectified so far; small motions are added (ours)
     looks: int = 1
-    shown: int = (
-        0  # side of the pictures that an exported network without row block reduces to ``size``; 0: none (ours)
-    )
+    # side of the pictures that an exported network without row block reduces to ``size``; 0: none (ours)
+    shown: int = 0
     mirror_average: bool = False  # in inference, the outputs for a picture and its mirror image are averaged (ours)
 
     def __post_init__(self) -> None:
@@ -306,87 +246,6 @@ def _layer(before: int, after: int, kernel: int, stride: int = 1) -> nn.Sequenti
     return nn.Sequential(convolution, nn.BatchNorm2d(after), nn.ReLU(inplace=True))
 
 
-_ROW_STEP = 8  # px between the pixels at which row maps are compared, since the row block's own grid is coarse
-
-
-class KandulaRecipe(PixelRecipe):
-    """Recipe of ``kandula2020``. ``[loss]`` holds the phases and the weights (LossConfig)."""
-
-    more_figures = ("val_epe_exact_inverse",)
-
-    def __init__(self, config: TrainConfig, device: torch.device):
-        super().__init__(config, device)
-        self.network_config = from_table(Kandula2020Config, config.network, "[network]")
-        self.weights = from_table(LossConfig, config.loss, "[loss]")
-        sizes = self.data.config.size, self.network_config.size
-        if sizes[0] != sizes[1]:
-            raise UsageError(f"[data] size {sizes[0]} and [network] size {sizes[1]} must agree")
-
-    def build(self) -> nn.Module:
-        """Returns a new network."""
-        return Kandula2020(self.network_config).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-
-    def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """Returns the error of the motion on a few photos (first phase), or the paper's Eq. 2 (second phase)."""
-        if self.weights.regress_only or step < self.weights.regress_steps:
-            return self._regression(network, generator)
-        samples = self.data.batch(self.config.batch, generator)
-        motion, row_map = network(samples.rs)
-        losses = picture_losses(samples, motion, row_map, self.weights)
-        total = torch.stack([getattr(self.weights, name) * value for name, value in losses.items()]).sum()
-        log = {name: value.item() for name, value in losses.items()}
-        return total, log | {"motion": _off(motion_mse, motion.detach(), torch.stack(samples.row_motion(), 1)).item()}
-
-    def _regression(self, network: nn.Module, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """Returns the error of the motion and, with ``row_residual``, of the row map."""
-        photos = None if self.weights.regress_only else self.weights.regress_photos or None
-        samples = self.data.batch(self.config.batch, generator, photos, with_gs=False)
-        truth = torch.stack(samples.row_motion(), 1)
-        again = round(self.weights.again * self.config.batch)
-        rs = samples.rs
-        if again:
-            rs, truth = self._seen_again(network, rs, truth, again)
-        motion, row_map = network(rs, rows=self.weights.row_residual > 0)
-        square = _off(motion_mse, motion, truth)
-        error = square if self.weights.regress_norm == "square" else _off(motion_distance, motion, truth)
-        figures = {"motion": square.item()}
-        loss = self.weights.regress * error
-        if row_map is None:
-            return loss + _idle(network), figures
-        row_error = row_map_error(row_map[again:], samples[again:])
-        return loss + self.weights.row_residual * row_error, figures | {"row_map": row_error.item()}
-
-    @torch.no_grad()
-    def _seen_again(self, network: nn.Module, rs: Tensor, truth: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """Returns pictures, the first of them rectified by the network, and the motions still to be found."""
-        network.eval()
-        motion = cast(Kandula2020, network).one_look(rs[:count])
-        network.train()
-        rest = truth[:count] - motion
-        return torch.cat([rectified_so_far(rs[:count], motion), rs[count:]]), torch.cat([rest, truth[count:]])
-
-    def positions(self, network: nn.Module, samples: Samples) -> Iterator[tuple[Tensor, Tensor]]:
-        """Yields those of the whole system, then those of its motion with the exact inverse."""
-        motion, row_map = network(samples.rs, rows=not self.weights.regress_only)
-        yield rs_positions(motion, row_map)
-        motion0, shift = from_first_row(motion)
-        yield rs_positions(motion0, None, shift)
-
-    def export(self, network: nn.Module, path: Path) -> None:
-        """Writes ONNX: rs [batch, 3, r, r] RGB in 0 ... 1 -> motion [batch, 2, r], row_map [batch, r, r].
-
-        The row map is omitted if it was not trained. With ``shown``, r is that, and the batch is one picture.
-        """
-        rows = self.network_config.row_layers > 0 and not self.weights.regress_only
-        exported: nn.Module = Exported(network, rows)
-        shown = self.network_config.shown
-        if shown:
-            exported = Shown(cast(Kandula2020, network))
-        rs = torch.rand(1, 3, shown or self.network_config.size, shown or self.network_config.size)
-        outputs = ["motion", "row_map"] if rows else ["motion"]
-        export_onnx(exported.eval().cpu(), rs, path, outputs, any_batch=not shown)
-
-
 class Exported(nn.Module):
     """The exported part: the trajectory, and the row map if it was trained; not the warp."""
 
@@ -434,51 +293,3 @@ class Shown(nn.Module):
         for matrix in self.smooth:
             motion = motion @ matrix
         return (motion * self.unit,)
-
-
-def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
-    """Returns the paper's losses by the name of their weight in LossConfig, except those of weight 0.
-
-    Of trajectories [B, 2, r] and row maps [B, r, r] (None: exact inverse); each a mean over parts of the batch.
-    """
-    count = len(samples.rs)
-    part = config.at_a_time or count
-    losses: dict[str, Tensor] = {}
-    for first in range(0, count, part):
-        some = slice(first, min(first + part, count))
-        sampled = _losses_of(samples[some], motion[some], None if row_map is None else row_map[some], config)
-        for name, value in sampled.items():
-            losses[name] = losses.get(name, 0.0) + value * ((some.stop - some.start) / count)
-    return losses
-
-
-def _losses_of(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
-    losses = {}
-    if config.rectified or config.rectified_edges:
-        rectified, mask = rectify(samples.rs, samples.rs_valid, motion, row_map)
-        losses["rectified"] = visible_mse(rectified, samples.gs, mask)
-        losses["rectified_edges"] = edge_loss(rectified, samples.gs, mask)
-    if config.regenerated or config.regenerated_edges:
-        regenerated, mask = regenerate(samples.gs, motion)
-        mask, regenerated = mask * samples.rs_valid, regenerated * samples.rs_valid
-        losses["regenerated"] = visible_mse(regenerated, samples.rs, mask)
-        losses["regenerated_edges"] = edge_loss(regenerated, samples.rs, mask)
-    return {name: value for name, value in losses.items() if getattr(config, name)}
-
-
-def row_map_error(row_map: Tensor, samples: Samples) -> Tensor:
-    """Returns the mean distance [rows / 8] of row maps [B, r, r] from the true ones, on every eighth pixel."""
-    col, row = (line.flatten()[_ROW_STEP // 2 :: _ROW_STEP] for line in pixel_grid(samples.size, samples.rs))
-    _, true = geometry.gs_to_rs(col[None], row[:, None] + 0 * col, samples.motion, samples.center)
-    sampled = row_map[:, _ROW_STEP // 2 :: _ROW_STEP, _ROW_STEP // 2 :: _ROW_STEP]
-    return (sampled - true).abs().mean() / _ROW_STEP
-
-
-def _off(measure: Callable[..., Tensor], motion: Tensor, truth: Tensor) -> Tensor:
-    return measure(motion[:, 0], motion[:, 1], truth[:, 0], truth[:, 1])
-
-
-def _idle(network: nn.Module) -> Tensor:
-    """Returns a zero that depends on the row block, so that Adam counts these steps for its weights, too."""
-    weights = [w.sum() for name, w in network.named_parameters() if "row_block." in name]
-    return 0.0 * torch.stack(weights).sum() if weights else torch.zeros(())

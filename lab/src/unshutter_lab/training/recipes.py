@@ -70,7 +70,7 @@ def validation_figures(error: Tensor, nothing: Tensor) -> dict[str, float]:
 
 # model of the configuration -> module:class, imported only when trained
 RECIPES = {
-    "kandula2020": "unshutter_lab.training.kandula2020:KandulaRecipe",
+    "kandula2020": "unshutter_lab.training.kandula2020_recipe:KandulaRecipe",
     "rengarajan2017": "unshutter_lab.training.rengarajan2017:RengarajanRecipe",
     "segment-transformer": "unshutter_lab.training.segment_transformer:SegmentRecipe",
 }
