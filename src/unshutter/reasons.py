@@ -31,7 +31,7 @@ class MotionSource(StrEnum):
 
 
 class Worded(StrEnum):
-    """A word for programs, with an English sentence for people."""
+    """A word for programs, with its English for people: a sentence, or a part of one."""
 
     sentence: str
 

@@ -144,7 +144,7 @@ def make_plan(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan
         files.check(home / f"{NAME}.jsonl")
     for kind in TargetKind:
         targets = [target.place for job in jobs if (target := job.target(kind)) is not None]
-        files.writes(kind.purpose, *targets)
+        files.writes(kind.sentence, *targets)
         if kind is TargetKind.MOTION and len(targets) == 1:  # those of several photos are named here
             check_motion_name(targets[0].name)
     if run.preview is not None:

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
+from unshutter.reasons import Worded
 from unshutter.storage.locations import Place
 
 
-class TargetKind(StrEnum):
-    """What a file is for. Its value is its name in messages."""
-
-    purpose: str
-
-    def __new__(cls, word: str, purpose: str) -> TargetKind:
-        """Creates a member, whose value is its word."""
-        member = str.__new__(cls, word)
-        member._value_, member.purpose = word, purpose
-        return member
+class TargetKind(Worded):
+    """What a file is for: its word, and how messages call it."""
 
     PICTURE = "picture", "the picture"  # of a photo that changes
     MOTION = "motion", "its motion"
