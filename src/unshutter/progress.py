@@ -68,11 +68,6 @@ class Steps:
         if self._watch is not None:
             self._watch(self._what, self._done, self._total)
 
-    def advance_to(self, done: int) -> None:
-        """Sets the number of completed steps; does nothing if that many are done already."""
-        if done > self._done:
-            self.advance(done - self._done)
-
 
 class ClipObserver:
     """Receives the progress of the work on a clip; this one ignores it."""

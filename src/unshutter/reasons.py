@@ -138,6 +138,10 @@ class Code(Worded):
     NO_CLEAR_PART = "no-clear-part", "no {frames} frames in a row show one scene clearly"
 
 
+# their sentences do not state the confidence of a verdict, which is stated behind them
+WITHOUT_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}
+
+
 @dataclass(frozen=True)
 class Reason:
     """A reason why no motion was found, or why a motion is not undone."""

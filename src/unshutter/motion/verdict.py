@@ -16,7 +16,7 @@ from unshutter.motion.motion import Motion
 from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
-from unshutter.reasons import Cause, Code, MotionSource, Reason, as_stated, pixels
+from unshutter.reasons import WITHOUT_CONFIDENCE, Cause, Code, MotionSource, Reason, as_stated, pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,6 @@ _CAUSES = {
     Code.TOO_SMALL: Cause.TOO_SMALL,
     Code.STRENGTH_0: Cause.STRENGTH_0,
 }
-_WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # their sentences do not state it
 
 
 def probability_better(size: float, error: float) -> float:
@@ -208,7 +207,7 @@ class Verdict:
         """Why the motion is not undone, e.g. ``only 3 straight segments found``; empty if it is."""
         if self.reason is None:
             return ""
-        return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")
+        return str(self.reason) + (self._at_confidence if self.reason.code in WITHOUT_CONFIDENCE else "")
 
     def described(self) -> str:
         """One line: ``up to 41 px, confidence 0.93: likely, typically off by 2.0 px``, or why it is unchanged."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from unshutter.reasons import Cause, Code, Reason, percent, pixels
+from unshutter.reasons import WITHOUT_CONFIDENCE, Cause, Code, Reason, percent, pixels
 
 if TYPE_CHECKING:
     from unshutter.motion.verdict import Verdict
@@ -34,7 +34,6 @@ _SENTENCES = {
     Code.RATIO_UNKNOWN: "the readout time cannot be found from these frames ({why})",
 }
 _ONE_LINE = "only 1 straight line was found"
-_WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # which their figures lack
 
 # The names of the page's buttons that may help (page/web/advice.js), beside the reasons for which they do.
 _BY_HAND = ("adviceWay", "adviceNeighbour", "adviceByHand")
@@ -60,7 +59,7 @@ def sentence(reason: Reason, confidence: float | None = None) -> str:
     if "px" in figures:
         figures["length"] = pixels(float(figures["px"]))
     said = _SENTENCES.get(reason.code, reason.code.sentence).format(**figures)
-    if reason.code in _WITH_CONFIDENCE and confidence is not None and confidence >= 0.5:
+    if reason.code in WITHOUT_CONFIDENCE and confidence is not None and confidence >= 0.5:
         return f"{said} (confidence {percent(confidence)})"
     return said
 
