@@ -164,12 +164,18 @@ class FirstTimes:
 
 
 def bits_per_s(container: Any, stream: Any) -> float:
-    """Returns a film's bit rate as its file states it, or else that of the whole file except sound; 0 if unknown."""
+    """Returns a film's bit rate as its file states it, or else that of the file without sound and attachments.
+
+    0 if unknown.
+    """
     stated = stream.codec_context.bit_rate or stream.metadata.get("BPS", "")
     if stated and str(stated).isdecimal():
         return float(stated)
     sound = sum(each.codec_context.bit_rate or 0 for each in container.streams.audio if each.codec_context)
-    return float(max((container.bit_rate or 0) - sound, 0))
+    attached = 8 * sum(len(each.data or b"") for each in container.streams if each.type == "attachment")
+    length_s = (container.duration or 0) / 1_000_000
+    others = sound + (attached / length_s if length_s > 0 else 0)
+    return float(max((container.bit_rate or 0) - others, 0))
 
 
 # ---- presentation times ----------------------------------------------------------------------------------
