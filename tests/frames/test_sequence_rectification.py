@@ -134,6 +134,22 @@ def test_a_photo_and_its_neighbours(shot: list[Path], tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.pixels, results)
 
 
+def test_a_photo_that_says_nothing_is_straightened_by_its_neighbour_as_advised(
+    shot: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.png"
+    words = ["rectify", str(shot[1]), "-o", str(out)]
+    assert main(words) == 0
+    alone = capsys.readouterr().err
+    assert "left unchanged" in alone and "with a frame taken just before or after: --before or --after" in alone
+    assert (
+        main([*words, "--before", str(shot[0]), "--readout-ratio", str(RATIO), "--edges", "fill", "--overwrite"]) == 0
+    )
+    told = capsys.readouterr().err
+    assert "left unchanged" not in told and "just before" not in told
+    assert off(Photo.open(out).pixels, FRAMES[1]) > 5
+
+
 def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "out.png"
     words = ["rectify", str(shot[0]), "--after", str(shot[1]), "--readout-ratio", str(RATIO), "-o", str(out)]

@@ -67,6 +67,7 @@ def test_shake_goes_and_no_border_shows(tmp_path, shaken, kept, capsys):
 
 def test_the_zoom_limit_is_kept_and_the_smoothing_is_weaker_instead(tmp_path, shaken, kept, capsys):
     free, record = straighten(shaken, tmp_path, "--stabilize", "4", "--zoom-limit", "30")
+    assert "--zoom-limit" not in capsys.readouterr().err
     limit = 50 * record["stabilised"]["cut_share"]
     tight, record = straighten(shaken, tmp_path, "--stabilize", "4", "--edges", "keep", "--zoom-limit", str(limit))
     said = record["stabilised"]
