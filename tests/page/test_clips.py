@@ -205,6 +205,20 @@ def test_photos_and_clips_in_one_zip_file(client: httpx.Client, tmp_path: Path, 
         assert len(clips.luma(Path(packed.extract(names[2], tmp_path)))) == 20
 
 
+def test_a_clip_that_does_not_change_is_encoded_in_a_zip_file_where_that_is_asked_for(
+    client: httpx.Client, tmp_path: Path
+) -> None:
+    still = clips.write(tmp_path / "still.mkv", clips.standing(8), "ffv1")
+    items = [
+        {"id": _opened(client, still, "still.mkv"), "options": wish} for wish in (RATIO, {**RATIO, "codec": "libx264"})
+    ]
+    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
+    told = list(events(client, saving["id"]))[-1]
+    assert [one["result"] for one in told["done"]] == ["still.mkv", "still.rectified.mkv"]
+    with zipfile.ZipFile(_fetched(client, saving["id"], tmp_path / "all.zip")) as packed:
+        assert packed.read("still.mkv") == still.read_bytes() != packed.read("still.rectified.mkv")
+
+
 def test_cancelled_while_frames_are_written(tmp_path: Path, long_walk: Path) -> None:
     with served(tmp_path / "home") as server, server.client() as client:
         id = _opened(client, long_walk)

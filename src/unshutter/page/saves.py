@@ -100,8 +100,8 @@ class Saving:
                 target = self._free_name(clip_result(open_file.name))
                 options = replace(options, only_changed=self.only_changed or self.to == "file")
                 report = await self._clip(desk, open_file, target, options)
-                is_whole = options.start is options.end is options.steadiness.stabilize is None
-                is_unchanged = self.to == "zip" and is_whole and not report["rectified"]
+                may_be_copy = options.may_be_copy and options.steadiness.stabilize is None
+                is_unchanged = self.to == "zip" and may_be_copy and not report["rectified"]
                 report |= await asyncio.to_thread(self._clip_result, target, open_file if is_unchanged else None)
             else:
                 name, format = open_file.name, options.save.format

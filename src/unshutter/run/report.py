@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ class Report:
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
         self._causes: dict[Place, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
         self._start = time.monotonic()
-        self._next_steps: dict[str, None] = {}  # what the user can do about photos that were left unchanged, in order
+        self._next_steps: dict[Place, tuple[str, ...]] = {}  # what the user can do about each photo that is unchanged
         self._log: JsonLog | None = None
 
     def __enter__(self) -> Report:
@@ -101,8 +102,9 @@ class Report:
             self._preview.add(job, outcome)
         changed = verdict is None or verdict.changes
         self._causes[job.source] = None if verdict is None else verdict.cause
-        if verdict is not None and not changed:
-            self._next_steps |= dict.fromkeys(_next_steps(verdict, self._plan.request.find.camera.moving is not None))
+        told_moving = self._plan.request.find.camera.moving is not None
+        steps = () if verdict is None or changed else _next_steps(verdict, told_moving)
+        self._next_steps[job.source] = tuple(steps)
         details = verdict.described() if verdict else ""
         if told := self.total == 1 or self._plan.run.verbose:
             model = f"model {outcome.model}" if outcome.model and changed else ""
@@ -175,8 +177,8 @@ class Report:
             if changed and left and self._plan.makes_a_set:
                 mixed = f"only {changed} of {done} changed; a mixed set confuses the calibration"
                 self.tell(f"unshutter: {mixed}: use the originals, or leave out the others with --only-changed")
-        if self._next_steps:
-            self.tell(f"unshutter: what to try for photos left unchanged: {'; '.join(self._next_steps)}")
+        if steps := dict.fromkeys(chain.from_iterable(self._next_steps.values())):
+            self.tell(f"unshutter: what to try for photos left unchanged: {'; '.join(steps)}")
         return exit_code(self.counts["failed"], self.total)
 
 
