@@ -26,6 +26,13 @@ def clip(tmp_path):
     return clips.write(tmp_path / "in.mp4", GREYS, sound=True)
 
 
+@pytest.mark.parametrize("flags", [(), ("--readout-ratio", "0.6"), ("--stabilize",), ("--strength", "0")])
+def test_a_part_without_frames(tmp_path, capsys, flags):
+    clip = clips.write(tmp_path / "gap.mkv", GREYS[:7], "ffv1", times=[*range(0, 6000, 1000), 60_000])
+    words = [clip, "-o", tmp_path / "out.mkv", "--start", "0.5", "--end", "1.5", *flags]
+    refused(capsys, words, 1, "gap.mkv has no frames in this part")
+
+
 def test_not_there(tmp_path, capsys):
     refused(capsys, [tmp_path / "no.mp4", "-o", tmp_path / "out.mp4"], 1, "no.mp4", "No such file")
 

@@ -32,6 +32,7 @@ from unshutter.video.motion_file import MotionWriter
 from unshutter.video.outcome import ClipOutcome, Tally
 from unshutter.video.plan import Leave, make_plan
 from unshutter.video.rendering import Rendering, straight_view, watched, with_steady_views
+from unshutter.video.survey import NO_FRAMES
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -248,7 +249,7 @@ def _write_frames(
         steps.advance()
         writer.add_frame(frame.picture)
     if not tally.frames:
-        raise UnshutterError("{clip} has no frames in this part", clip=request.clip.path)
+        raise UnshutterError(NO_FRAMES, clip=request.clip.path)
     writer.end()
     if motions is not None:
         motions.end()
