@@ -83,7 +83,7 @@ class FileOutput(ABC):
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> Encoded:
         """Encodes the photo like :meth:`to_bytes`, and names the metadata that the format cannot hold."""
-        save = from_keywords(Save, locals())
+        save = from_keywords(Save, {"format": format, "quality": quality, "subsampling": subsampling})
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
         target = WRITTEN[save.format or own]
         picture, left_out = self._picture_for(target, save)
@@ -118,7 +118,8 @@ class FileOutput(ABC):
         Returns:
             The names of metadata that the format cannot hold, such as ``("IPTC",)``.
         """
-        options, target = from_keywords(Save, locals()), Path(path)
+        target = Path(path)
+        options = from_keywords(Save, {"quality": quality, "subsampling": subsampling, "keep_times": keep_times})
         format = of_target(target)
         check_result(target, overwrite, self.made_from)
         return write_photo(self, target, format, options, overwrite)
