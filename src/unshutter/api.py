@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from unshutter.errors import UsageError
 from unshutter.frames.find import find
@@ -15,7 +14,7 @@ from unshutter.motion.finding import Candidate, Finding
 from unshutter.motion.rectified import Rectified, render
 from unshutter.motion.verdict import judge
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo, Upright
-from unshutter.options.fields import check_type, for_python, from_keywords
+from unshutter.options.fields import check_type, implemented_by
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, open_photo
 from unshutter.single.drawn_lines import DrawnLine, StraightenedLines, motion_from_lines, read_lines
@@ -27,7 +26,29 @@ from unshutter.storage.opened import Opened
 # ---- for users ------------------------------------------------------------------------------------------
 
 
-@for_python(Camera, Undo, Find)
+def _rectify(
+    photo: AnyPhoto, estimator: str | Estimator, motion: Motion | str | os.PathLike[str] | None, how: Find, undo: Undo
+) -> Rectified:
+    how, loaded = _chosen(estimator, how)
+    given = None
+    if motion is not None:
+        how.check_unused()
+        undo = undo.at_any_confidence()
+        check_type("motion", motion, (Motion, str, os.PathLike), "a Motion or the path of a motion file")
+        given = Finding(motion if isinstance(motion, Motion) else Motion.load(motion))
+    source = open_photo(photo)
+    if isinstance(motion, (str, os.PathLike)):
+        source = replace(source, made_from=(*source.made_from, Opened.at(motion)))
+    check_size(source.height, source.width)
+    if given is None:
+        how = how.for_least_confidence(undo.min_confidence)
+        finding = find(source, how, loaded, pixels=True).choose(how.candidate)
+    else:
+        finding = given.fit(source.height, source.width, how.camera.readout)
+    return render(source, judge(finding, undo), undo.edges)
+
+
+@implemented_by(_rectify, how=Find, undo=Undo)
 def rectify(
     photo: AnyPhoto,
     *,
@@ -79,27 +100,28 @@ def rectify(
         >>> result.changed, str(result.reason)
         (False, 'no visible motion, confidence 0.9...')
     """
-    keywords = locals()
-    how, undo = _how(estimator, keywords), from_keywords(Undo, keywords)
-    given = None
-    if motion is not None:
-        how.check_unused()
-        undo = undo.at_any_confidence()
-        check_type("motion", motion, (Motion, str, os.PathLike), "a Motion or the path of a motion file")
-        given = Finding(motion if isinstance(motion, Motion) else Motion.load(motion))
+    ...
+
+
+def _estimate(
+    photo: AnyPhoto,
+    estimator: str | Estimator,
+    lines: Sequence[DrawnLine] | str | os.PathLike[str] | None,
+    how: Find,
+    undo: Undo,
+) -> Motion:
+    how, loaded = _chosen(estimator, how)
+    row = undo.reference or "first"
     source = open_photo(photo)
-    if isinstance(motion, (str, os.PathLike)):
-        source = replace(source, made_from=(*source.made_from, Opened.at(motion)))
     check_size(source.height, source.width)
-    if given is None:
-        how = how.for_least_confidence(undo.min_confidence)
-        finding = find(source, how, _loaded(estimator), pixels=True).choose(how.candidate)
-    else:
-        finding = given.fit(source.height, source.width, how.camera.readout)
-    return render(source, judge(finding, undo), undo.edges)
+    if lines is None:
+        return find(source, how, loaded).choose(how.candidate).motion.rereferenced(row)
+    check_type("lines", lines, (Sequence, os.PathLike), "a list of DrawnLine or the path of a file of lines")
+    drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
+    return motion_of_lines(source, drawn, how.camera).motion.rereferenced(row)
 
 
-@for_python(Camera, Undo, Find)
+@implemented_by(_estimate, how=Find, undo=Undo)
 def estimate(
     photo: AnyPhoto,
     *,
@@ -135,18 +157,18 @@ def estimate(
         >>> len(motion.tx_px) == motion.height  # a number for each row
         True
     """
-    keywords = locals()
-    how, row = _how(estimator, keywords), from_keywords(Undo, keywords).reference or "first"
-    source = open_photo(photo)
-    check_size(source.height, source.width)
-    if lines is None:
-        return find(source, how, _loaded(estimator)).choose(how.candidate).motion.rereferenced(row)
-    check_type("lines", lines, (Sequence, os.PathLike), "a list of DrawnLine or the path of a file of lines")
-    drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
-    return motion_of_lines(source, drawn, how.camera).motion.rereferenced(row)
+    ...
 
 
-@for_python(Camera, Undo, Find)
+def _candidates(photo: AnyPhoto, estimator: str | Estimator, how: Find, undo: Undo) -> tuple[Candidate, ...]:
+    how, loaded = _chosen(estimator, how)
+    row = undo.reference or "first"
+    if how.candidate is not None:
+        raise UsageError("candidates() lists all motions: leave out candidate, or give it to estimate() or rectify()")
+    return tuple(each.rereferenced(row) for each in find(open_photo(photo), how, loaded).candidates)
+
+
+@implemented_by(_candidates, how=Find, undo=Undo)
 def candidates(
     photo: AnyPhoto,
     *,
@@ -179,11 +201,7 @@ def candidates(
         >>> [candidate.motion.confidence for candidate in unshutter.candidates("house.jpg")][:1]
         [0.9...]
     """
-    keywords = locals()
-    how, row = _how(estimator, keywords), from_keywords(Undo, keywords).reference or "first"
-    if candidate is not None:
-        raise UsageError("candidates() lists all motions: leave out candidate, or give it to estimate() or rectify()")
-    return tuple(each.rereferenced(row) for each in find(open_photo(photo), how, _loaded(estimator)).candidates)
+    ...
 
 
 # ---- from lines drawn in a photo to its motion ---------------------------------------------------------------
@@ -195,12 +213,7 @@ def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) ->
     return motion_from_lines(View(photo, camera), lines, network)
 
 
-def _how(estimator: str | Estimator, keywords: Mapping[str, Any]) -> Find:
-    """Returns how a motion is found, from a function's keywords."""
+def _chosen(estimator: str | Estimator, how: Find) -> tuple[Find, Estimator | None]:
+    """Returns the options with the estimator's name, if it is a name; otherwise the estimator."""
     check_type("estimator", estimator, (str, Estimator), "the name of a method or an Estimator")
-    name = estimator if isinstance(estimator, str) else estimator.name
-    return from_keywords(Find, {**keywords, "estimator": name})
-
-
-def _loaded(estimator: str | Estimator) -> Estimator | None:
-    return None if isinstance(estimator, str) else estimator
+    return (replace(how, estimator=estimator), None) if isinstance(estimator, str) else (how, estimator)

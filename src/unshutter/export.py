@@ -207,9 +207,9 @@ class PointTable:
     """A CSV file of points; all other columns are preserved."""
 
     header: list[str] | None  # names of the columns; None if the file has none
-    rows: list[list[str]]  # the fields of every non-empty line. x, y: indices of the columns that hold the position.
-    x: int
-    y: int
+    rows: list[list[str]]  # the fields of every non-empty line
+    x: int  # index of the column with positions across
+    y: int  # index of the column with positions down
 
     @classmethod
     def read(cls, path: Path) -> PointTable:

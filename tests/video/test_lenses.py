@@ -206,3 +206,15 @@ def test_gopros_field_of_view_chooses_among_its_lenses(tmp_path, monkeypatch, sh
         with_settings(clip, entry(b"ZFOV", b"f", struct.pack(">f", share * listed[0].degrees), 4))
     lens = lens_of_clip(ClipRequest.of(look(str(clip)), RectifyClip()), Survey())
     assert (lens and lens.source) == (said and f"table of lenses (GoPro HERO8 Black {said})")
+
+
+def test_a_named_camera_is_not_one_with_a_longer_name(tmp_path, monkeypatch):
+    """As for its readout time: the lens of an iPhone 13 Pro says nothing about an iPhone 13."""
+    size, k = (clips.WIDTH, clips.HEIGHT), (0.05, 0.012, -0.01, 0.003)
+    focals = {"iPhone 13": 0.7, "iPhone 13 Pro": 0.9}
+    listed = [LensProfile("Apple", model, "", *size, focal, (0.5, 0.5), k, 1) for model, focal in focals.items()]
+    monkeypatch.setattr(lenses, "table", lambda: tuple(listed))
+    clip = look(str(clips.write(tmp_path / "in.mp4", clips.standing(30))))
+    for name, source in (("iphone 13", "table of lenses (Apple iPhone 13)"), ("iphone", None)):
+        lens = lens_of_clip(ClipRequest.of(clip, RectifyClip(shutter=Shutter(camera=name))), Survey())
+        assert (lens and lens.source) == source

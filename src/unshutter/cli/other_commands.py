@@ -193,7 +193,7 @@ def _cameras(arguments: Cameras) -> int:
 
     word = " ".join(arguments.word)
     known = lenses.named_lenses(word) if word else []
-    if not known or any(cameras.is_named(mode.name, word) for mode in cameras.table()):
+    if not known or cameras.named(cameras.table(), word):
         print(cameras.as_text(cameras.listed(word)))
     if known:
         print("\nlenses, from corner to corner:\n" + lenses.as_text(known))

@@ -225,9 +225,10 @@ def estimate_frames(
         >>> [motion.height for motion in motions]
         [360, 360, 360]
     """
-    keywords = locals()
-    camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
-    finder = CameraMotion(stated_ratio(from_keywords(Clock, keywords), camera), camera.focal_px, camera.direction)
+    camera = from_keywords(Camera, {"readout": readout, "focal_px": focal_px, "readout_ms": readout_ms})
+    row = from_keywords(Undo, {"reference": reference}).reference or "first"
+    clock = from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": fps})
+    finder = CameraMotion(stated_ratio(clock, camera), camera.focal_px, camera.direction)
     return (frame.motion(row) for frame in finder.frames(frames))
 
 

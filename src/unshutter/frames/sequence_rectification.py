@@ -260,12 +260,12 @@ def rectify_frames(
         True
         True
     """
-    keywords = locals()
-    camera, undoing = from_keywords(Camera, keywords), from_keywords(Undo, keywords).keeping_coordinates()
-    time = stated_ratio(from_keywords(Clock, keywords), camera)
-    neighbours = from_keywords(Neighbours, {"sequence": True, **keywords})
-    alone = Find() if fallback else None
-    options = SequenceOptions(time, undoing, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone)
+    camera = from_keywords(Camera, {"readout": readout, "focal_px": focal_px, "readout_ms": readout_ms})
+    undo = from_keywords(Undo, {"reference": reference, "edges": edges, "strength": strength}).keeping_coordinates()
+    time = stated_ratio(from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": fps}), camera)
+    neighbours = from_keywords(Neighbours, {"sequence": True, "at": at, "model": model, "fallback": fallback})
+    alone = Find() if neighbours.fallback else None
+    options = SequenceOptions(time, undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone)
     inputs = [opened for frame in frames for opened in files_behind(frame)] if isinstance(frames, Sequence) else []
     return _with_advice(_each(iter(frames), options, inputs))
 

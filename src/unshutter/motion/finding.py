@@ -54,7 +54,8 @@ class Candidate:
 
     def described(self) -> str:
         """Description with the known figures: ``hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)``."""
-        known, helps = [], "the likeliest other does not help" if self.kind == "still" else "it helps"
+        known = []
+        helps = "the likeliest other does not help" if self.kind == "still" else "it helps"
         if self.probability is not None:
             known.append(f"chance {as_stated(self.probability):.2f} that {helps}")
         if self.expected_error_px is not None:
@@ -63,7 +64,8 @@ class Candidate:
 
     def as_stated(self, most: float = MOST_STATED) -> Candidate:
         """Returns the candidate with its probability, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
-        sure, reason = self.motion.confidence, self.motion.reason
+        sure = self.motion.confidence
+        reason = self.motion.reason
         motion = replace(
             self.motion,
             confidence=None if sure is None else as_stated(sure, most),

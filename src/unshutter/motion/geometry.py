@@ -355,7 +355,8 @@ class RowMotion(Motion, kind="rows"):
         Substituting p_m = R(r_m) p + t_m in Eq. 1 gives t - t_m, r - r_m and a rotation centre moved by t_m.
         """
         row = row_index(reference, self.height)
-        tx, rz = self.tx_px[row], self.rz_rad[row]
+        tx = self.tx_px[row]
+        rz = self.rz_rad[row]
         shift = self.center_shift_px + float(tx)
         if not (self.rz_rad - rz).any():  # no rotation: the centre is irrelevant
             shift = 0.0
@@ -374,7 +375,8 @@ class RowMotion(Motion, kind="rows"):
     def resampled(self, height: int, width: int) -> RowMotion:
         """Resizes as :meth:`resized` does but keeps the pose: rows shift, so the reference row is not quite zero."""
         motion_file.check_aspect(self.height, self.width, height, width)
-        at, known = matching_rows(self.height, height), np.arange(self.height, dtype=np.float64)
+        at = matching_rows(self.height, height)
+        known = np.arange(self.height, dtype=np.float64)
         scale = width / self.width
         tx, rz = (interpolated(at, known, a) for a in (self.tx_px * scale, self.rz_rad))
         return replace(self, width=width, tx_px=tx, rz_rad=rz, center_shift_px=self.center_shift_px * scale)

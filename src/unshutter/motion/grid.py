@@ -105,13 +105,12 @@ class Extent(NamedTuple):
 class SamplingGrid:
     """A map of positions for a picture of height x width, known at regularly spaced nodes."""
 
-    # float32 [rows, cols, 2]: (col, row) at the nodes; the last nodes are beyond the picture's end. row_step,
-    # col_step: spacing of the nodes [px]. height, width: size of output and input picture alike [px].
+    # (col, row) at the nodes; the last nodes are beyond the picture's end
     nodes: Float32[np.ndarray, "node_rows node_cols 2"]
-    row_step: int
-    col_step: int
-    height: int
-    width: int
+    row_step: int  # distance from a row of nodes to the next [px]
+    col_step: int  # distance from a column of nodes to the next [px]
+    height: int  # rows of the output and of the input picture
+    width: int  # columns of both
 
     @classmethod
     def of(cls, position: PositionMap, height: int, width: int) -> SamplingGrid:
@@ -120,14 +119,19 @@ class SamplingGrid:
         at = [np.arange(-(-size // s) + 1) * s for size, s in zip((height, width), steps, strict=True)]
         nodes = np.empty((len(at[0]), len(at[1]), 2), dtype=np.float32)
         _compute(position, at[0], at[1], nodes)
-        axis, settled = 0, 0
+        axis = 0
+        settled = 0
         while settled < 2:
             if steps[axis] > 1:
                 finer_at, finer = _halved(position, at, nodes, axis)
                 if _worst_inside(finer, axis, height, width, steps[axis]) > _TOLERANCE:
-                    nodes, at[axis], steps[axis], settled = finer, finer_at, steps[axis] // 2, 0
+                    nodes = finer
+                    at[axis] = finer_at
+                    steps[axis] //= 2
+                    settled = 0
                     continue
-            axis, settled = 1 - axis, settled + 1
+            axis = 1 - axis
+            settled += 1
         # Nothing is sampled far outside, and a diverging map would exceed the range of numbers.
         far = float(height + width)
         np.nan_to_num(nodes, copy=False, nan=-far, posinf=2 * far, neginf=-far)
@@ -178,7 +182,8 @@ class SamplingGrid:
     def extent(self, tile: Tile) -> Extent:
         """Returns bounds of a tile's positions from the surrounding nodes: cheaper than exact bounds, but wider."""
         nodes, _, _ = self._nodes_about(tile)
-        (left, top), (right, bottom) = nodes.min(axis=(0, 1)).tolist(), nodes.max(axis=(0, 1)).tolist()
+        left, top = nodes.min(axis=(0, 1)).tolist()
+        right, bottom = nodes.max(axis=(0, 1)).tolist()
         return Extent(left, top, right, bottom)
 
     def contains(self, extent: Extent) -> bool:
@@ -195,7 +200,9 @@ class SamplingGrid:
         beyond: float = 0.0,
     ) -> Bool[np.ndarray, "rows cols"]:
         """Whether positions, counted from left and top, are inside the picture or up to ``beyond`` px outside; bool."""
-        right, bottom, slack = self.width - 1 - left, self.height - 1 - top, max(beyond, _INSIDE_SLACK)
+        right = self.width - 1 - left
+        bottom = self.height - 1 - top
+        slack = max(beyond, _INSIDE_SLACK)
         within_width = (col >= -left - slack) & (col <= right + slack)
         return within_width & (row >= -top - slack) & (row <= bottom + slack)
 
@@ -217,7 +224,8 @@ def _weights(at: np.ndarray, step: int, nodes: int) -> np.ndarray:
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
     """Converts a map between positions of the readout frame to one between stored positions."""
-    readout, size = motion.readout, motion.readout.frame_size(motion.height, motion.width)
+    readout = motion.readout
+    size = motion.readout.frame_size(motion.height, motion.width)
 
     def in_stored(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return readout.points_to_stored(*in_frame(*readout.points_to_frame(col, row, *size)), *size)
@@ -387,13 +395,16 @@ def _largest(whole: np.ndarray, block: int, height: int, width: int) -> Tile:
         count = filled[h:, w:] - filled[:-h, w:] - filled[h:, :-w] + filled[:-h, :-w]
         return count == h * w
 
-    fits, too_long = 0, max(whole.shape) + 1  # a rectangle that fits contains every smaller one
+    # a rectangle that fits contains every smaller one
+    fits = 0
+    too_long = max(whole.shape) + 1
     while too_long - fits > 1:
         middle = (fits + too_long) // 2
         fits, too_long = (middle, too_long) if fits_at(middle).any() else (fits, middle)
     if fits == 0:
         return Tile(0, 0, 0, 0)
-    (w, h), places = size_at(fits), np.argwhere(fits_at(fits)) * block
+    w, h = size_at(fits)
+    places = np.argwhere(fits_at(fits)) * block
     from_centre = (places[:, 0] + h / 2 - height / 2) ** 2 + (places[:, 1] + w / 2 - width / 2) ** 2
     top, left = places[from_centre.argmin()].tolist()
     return Tile(top, top + h, left, left + w)

@@ -60,7 +60,8 @@ class Lens:
         tan = np.tan(angles)
         seen = tan * (1 + sum(each * tan ** (2 * n + 2) for n, each in enumerate(k)))
         grows = np.append(True, np.diff(seen) > 0).cumprod().astype(bool) & (seen <= max(reach, seen[8]))
-        angles, seen = angles[grows], seen[grows]
+        angles = angles[grows]
+        seen = seen[grows]
         powers = angles[:, None] ** np.array([3, 5, 7, 9])
         fitted = np.linalg.lstsq(powers, seen - angles, rcond=None)[0]
         return cls(focal, tuple(map(float, fitted)), shift)

@@ -140,7 +140,8 @@ class Motion(ABC):
 
     def __post_init__(self) -> None:
         self._settle()
-        tx, rz = self.tx_px.shape, self.rz_rad.shape
+        tx = self.tx_px.shape
+        rz = self.rz_rad.shape
         if len(tx) != 1 or tx != rz or tx[0] < 1:
             raise UnshutterError(f"a motion needs one t_x and one r_z per row, got shapes {tx} and {rz}")
         motion_file.check_lengths(self.tx_px)
@@ -300,7 +301,8 @@ class Motion(ABC):
         with motion_file.reading():
             data = motion_file.parsed(text)
             first_kinds = "rotations" if "rotations_rad" in data else "rows"  # the earliest files do not name theirs
-            kind, height = str(data.get("kind", first_kinds)), motion_file.whole(data["height"])
+            kind = str(data.get("kind", first_kinds))
+            height = motion_file.whole(data["height"])
             if kind not in Motion._kinds:
                 _import_method(str(data.get("estimator")))
             if kind not in Motion._kinds:

@@ -113,7 +113,8 @@ class Result(ABC):
         Returns:
             The names of metadata that the format cannot hold, such as ``("IPTC",)``.
         """
-        options, target = from_keywords(Save, locals()), Path(path)
+        target = Path(path)
+        options = from_keywords(Save, {"quality": quality, "subsampling": subsampling, "keep_times": keep_times})
         format = of_target(target)
         check_result(target, overwrite, self.photo.made_from)
         return _write_picture(self, target, format, options, overwrite)
@@ -123,7 +124,8 @@ class Result(ABC):
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> Encoded:
         """Encodes the picture as :meth:`save` does; returns the file and the names of metadata that it cannot hold."""
-        copied = self.photo.file_as(format or self.photo.format, from_keywords(Save, locals()))
+        save = from_keywords(Save, {"format": format, "quality": quality, "subsampling": subsampling})
+        copied = self.photo.file_as(format or self.photo.format, save)
         if copied is None:
             return self.photo.encode(format, quality, subsampling)
         return Encoded(copied.data(), ())

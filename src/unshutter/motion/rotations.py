@@ -169,7 +169,8 @@ def rotated_gs_to_rs(
         array([[100.],
                [300.]])
     """
-    xp, v = namespace(row), constant(row)
+    xp = namespace(row)
+    v = constant(row)
     col_const, row_const = constant(col), constant(row)
     for _ in range(steps - 1):
         residual, slope = _row_residual(v, col_const, row_const, row_rotation, focal_px, center, lens)
@@ -192,7 +193,8 @@ def _row_residual(
     y_rate = rate[..., 2] * x - rate[..., 0] * z  # of w x d
     z_rate = rate[..., 0] * y - rate[..., 1] * x
     if lens is not None:
-        x_rate, (across, down, along) = rate[..., 1] * z - rate[..., 2] * y, lens.slopes(x, y, z)[1]
+        x_rate = rate[..., 1] * z - rate[..., 2] * y
+        across, down, along = lens.slopes(x, y, z)[1]
         residual = v - (lens.position(x, y, z)[1] * focal_px + center[1])
         return residual, 1.0 - focal_px * (across * x_rate + down * y_rate + along * z_rate)
     residual = v - (y / z * focal_px + center[1])

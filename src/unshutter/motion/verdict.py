@@ -222,7 +222,8 @@ class Verdict:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
-        pose, about = self.upright, self.reason.as_json() if self.reason is not None else {}
+        pose = self.upright
+        about = self.reason.as_json() if self.reason is not None else {}
         film = self.finding.motion.film
         optional = {
             "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,

@@ -97,7 +97,8 @@ def straighten(
 def edge_decision(motion: Motion, edges: Edges, upright: Pose | None = None) -> EdgeDecision:
     """Returns how :func:`straighten` would handle the edges of a photo with this motion."""
     check_edges(edges)
-    policy, size = EdgePolicy(edges), motion.readout.frame_size(motion.height, motion.width)
+    policy = EdgePolicy(edges)
+    size = motion.readout.frame_size(motion.height, motion.width)
     if motion.is_zero and upright is None:
         return policy.without_motion(size)
     return _decision(SamplingGrid.of(gs_to_rs_map(motion, upright), *size), policy)
@@ -206,7 +207,8 @@ class _Warp:
 
     def make(self, tile: Tile) -> None:
         """Computes a tile of the output."""
-        grid, extent = self.grid, self.grid.extent(tile)
+        grid = self.grid
+        extent = self.grid.extent(tile)
         positions = self.scratch.array("positions", (2, tile.bottom - tile.top, tile.right - tile.left))
         mirrored = self.black_beyond is None and not grid.contains(extent)
         if _too_long(extent) or mirrored:
@@ -238,7 +240,8 @@ class _Warp:
         if image.dtype == np.uint8 and not self.has_alpha:
             cv2.remap(image, col, row, self.method, dst=out, borderMode=cv2.BORDER_REPLICATE)
             return
-        source, sampled = self.scratch.array("source", image.shape), self.scratch.array("sampled", out.shape)
+        source = self.scratch.array("source", image.shape)
+        sampled = self.scratch.array("sampled", out.shape)
         np.copyto(source, image)  # 16 bits too: a quarter faster as float, with the same result
         if self.has_alpha:
             source[..., :-1] *= source[..., -1:] / top

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
 from unshutter.errors import UnshutterError, UsageError, as_keyword, shortened, with_options
 
@@ -236,6 +236,28 @@ def for_python(*kinds: type) -> Callable[[F], F]:
                 )
         function.__doc__ = head + args + described + blank + rest
         return errors_in_python()(function)
+
+    return decorate
+
+
+def implemented_by(implementation: Callable[..., Any], **kinds: type) -> Callable[[F], F]:
+    """Decorates a public function without a body, as :func:`for_python` does, and calls its implementation.
+
+    The implementation gets options of these kinds, made from the keywords, and under their names the other arguments.
+    """
+    others = inspect.signature(implementation).parameters.keys() - kinds.keys()
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            function(*args, **keywords)  # Python refuses what is not in the signature, in its own words
+            bound = inspect.signature(function).bind(*args, **keywords)
+            bound.apply_defaults()
+            arguments = {name: bound.arguments.pop(name) for name in others}
+            options = {name: from_keywords(kind, bound.arguments) for name, kind in kinds.items()}
+            return implementation(**arguments, **options)
+
+        return cast(F, for_python(*kinds.values())(call))
 
     return decorate
 

@@ -16,7 +16,8 @@ DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond these, up is no longer up
 
 
-_WIDEST, _LONGEST_PX = 20.0, 1e9  # most heights per focal length; the longest focal length
+_WIDEST = 20.0  # most heights per focal length
+_LONGEST_PX = 1e9  # the longest focal length
 
 
 def check_focal(focal_px: float | None, rows: int = 64) -> None:
@@ -279,7 +280,8 @@ def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameMo
     """Chooses the motion model: as requested, otherwise as other options require; None: as the frames suggest."""
     if model not in (None, *get_args(FrameModel)):
         raise UsageError(f"{{--model}} does not take '{shortened(model)}': choose camera or dense")
-    dense, camera = at is not None or undo.edges == "borrow", undo.strength != 1
+    dense = at is not None or undo.edges == "borrow"
+    camera = undo.strength != 1
     if dense and (camera or model == "camera"):
         wrong = "{--model} camera" if model == "camera" else "{--strength}"
         raise UsageError(f"{{--at}} and {{--edges}} borrow are for {{--model}} dense: leave out {wrong}")

@@ -29,7 +29,8 @@ class Rectify:
         A given motion is undone regardless of its confidence, results of a sequence keep their coordinates, and a least
         confidence of 0 accepts the likeliest motion.
         """
-        find, undo = self.find, self.undo
+        find = self.find
+        undo = self.undo
         if self.motion is not None:
             undo = undo.at_any_confidence()
         if self.neighbours.sequence:
@@ -47,7 +48,8 @@ class Rectify:
             raise UsageError("{--edges} borrow needs a neighbour: name one with {--before} or {--after}")
 
     def _check_neighbours(self) -> None:
-        camera, neighbours = self.find.camera, self.neighbours
+        camera = self.find.camera
+        neighbours = self.neighbours
         if self.motion is not None:
             raise UsageError("{--before}, {--after} and {--sequence} are for finding a motion: leave out {--motion}")
         alone = replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout)

@@ -22,9 +22,12 @@ from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF
 
 _LENS_MODEL = 0xA434
-_APPLE_VECTOR, _GRAVITY_IN_G = 0x0008, (0.94, 1.06)  # a phone at rest; edited files contain arbitrary values
+_APPLE_VECTOR = 0x0008
+_GRAVITY_IN_G = (0.94, 1.06)  # of a phone at rest; edited files contain arbitrary values
 _LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane; below it, the upward direction is unclear
-_CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # to recognise a quarter turn: gravity in the plane, deviation from it
+# to recognise a quarter turn: gravity in the plane, deviation from it
+_CLEAR_SHARE = 0.5
+_CLEAR_DEG = 25.0
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,8 @@ def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
 
     The last one may claim to end beyond the end of the file.
     """
-    length, at = file.seek(0, io.SEEK_END), 0
+    length = file.seek(0, io.SEEK_END)
+    at = 0
     for _ in range(_MOST_BOXES):
         if at + _HEAD > length:
             return
@@ -154,13 +155,15 @@ def _properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]
 
 def _associations(ipma: bytes, item: int) -> list[int]:
     """Returns the numbers, from 1, of the properties associated with an item."""
-    version, wide_index = ipma[0], ipma[3] & 1
+    version = ipma[0]
+    wide_index = ipma[3] & 1
     (entries,) = struct.unpack_from(">I", ipma, 4)
     at = 8
     for _ in range(entries):
         (name,) = struct.unpack_from(">I" if version else ">H", ipma, at)
         at += 4 if version else 2
-        count, at = ipma[at], at + 1
+        count = ipma[at]
+        at += 1
         form, mask = (">H", 0x7FFF) if wide_index else (">B", 0x7F)
         numbers = [struct.unpack_from(form, ipma, at + i * (1 + wide_index))[0] & mask for i in range(count)]
         if name == item:
@@ -216,7 +219,8 @@ def _of_boxes(file: BinaryIO) -> Iterator[str]:
 
 
 def _of_items(meta: dict[bytes, bytes]) -> Iterator[str]:
-    items, references = _items(meta[b"iinf"]), _references(meta.get(b"iref", bytes(4)))
+    items = _items(meta[b"iinf"])
+    references = _references(meta.get(b"iref", bytes(4)))
     primary = _primary(meta)
     auxiliary = {one.item: one.to for one in references if one.kind == b"auxl"}
     described = {one.item: one.to for one in references if one.kind == b"cdsc"}
@@ -291,7 +295,8 @@ def _number_of(entry: bytes) -> tuple[int, int]:
 
 def _references(iref: bytes) -> list[_Reference]:
     form = "I" if iref[0] else "H"
-    size, references = struct.calcsize(form), []
+    size = struct.calcsize(form)
+    references = []
     for kind, data in inside(iref[4:]):
         number, count = struct.unpack_from(f">{form}H", data)
         references.append(_Reference(kind, number, struct.unpack_from(f">{count}{form}", data, size + 2)))
@@ -333,7 +338,9 @@ def extent(file: BinaryIO, kind: bytes) -> Extent | None:
 
 def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
     """Finds the position of an item in the box iloc; raises IndexError if that is damaged."""
-    version, sizes, more_sizes = iloc[0], iloc[4], iloc[5]
+    version = iloc[0]
+    sizes = iloc[4]
+    more_sizes = iloc[5]
     stream = io.BytesIO(iloc)
     stream.seek(6)
 
@@ -347,7 +354,8 @@ def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
         own = number(4 if version == 2 else 2)
         in_file = version == 0 or number(2) & 15 == 0  # otherwise relative to another box
         number(2)  # number of the file that contains it: this one
-        base, pieces = number(more_sizes >> 4), number(2)
+        base = number(more_sizes >> 4)
+        pieces = number(2)
         for _ in range(pieces):
             number(more_sizes & 15 if version else 0)
             numbers_at = iloc_at + stream.tell()

@@ -55,7 +55,9 @@ COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
 _NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these are meaningful beyond PNG
 _USUAL_GAMMA = struct.pack(">I", 45455)
 _USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
-_LARGEST, _MOST, _MOST_BYTES = 1 << 26, 10_000, 1 << 27  # of a chunk's data, of chunks, and of the data of all [bytes]
+_LARGEST = 1 << 26  # a chunk's data [bytes]
+_MOST = 10_000  # chunks
+_MOST_BYTES = 1 << 27  # data of all chunks [bytes]
 _LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
 
 
@@ -74,7 +76,8 @@ def is_safe_to_copy(name: bytes) -> bool:
 def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
     """Yields all chunks of a PNG, including those after the pixels, except for names to skip."""
     file.seek(SIGNATURE_BYTES)
-    count, left = 0, _MOST_BYTES
+    count = 0
+    left = _MOST_BYTES
     while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
         length, name = struct.unpack(">I4s", head)
         if name in skipped:
@@ -86,7 +89,8 @@ def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
             yield Chunk(name, None)
             continue
         left -= length
-        data, checksum = file.read(length), file.read(4)
+        data = file.read(length)
+        checksum = file.read(4)
         yield Chunk(name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None)
 
 
@@ -215,12 +219,14 @@ def exif_of(file: BinaryIO) -> bytes | None:
 
 IPTC_TAG, RESOURCES_TAG = 33723, 34377
 RESOURCES_PREFIX = b"Photoshop 3.0\0"
-_IPTC, _THUMBNAILS = 1028, (1033, 1036)
+_IPTC = 1028
+_THUMBNAILS = (1033, 1036)
 
 
 def resources_of_tiff(tree: Tree) -> bytes | None:
     """Returns the resources of a TIFF's first page in the form used in JPEG; None if it has none."""
-    blocks, iptc = tree.data(RESOURCES_TAG) or b"", tree.data(IPTC_TAG)
+    blocks = tree.data(RESOURCES_TAG) or b""
+    iptc = tree.data(IPTC_TAG)
     if iptc and not any(kind == _IPTC for kind, _, _ in _blocks(blocks)):
         blocks = _iptc_block(iptc) + blocks
     return RESOURCES_PREFIX + blocks if blocks else None
@@ -245,7 +251,8 @@ def resource_tags(resources: bytes | None) -> dict[int, Entry]:
 
 def split_resources(resources: bytes | None) -> list[bytes]:
     """Splits resources into contents of JPEG segments; empty without resources."""
-    blocks, room = (resources or b"").removeprefix(RESOURCES_PREFIX), LONGEST - len(RESOURCES_PREFIX)
+    blocks = (resources or b"").removeprefix(RESOURCES_PREFIX)
+    room = LONGEST - len(RESOURCES_PREFIX)
     return [RESOURCES_PREFIX + blocks[at : at + room] for at in range(0, len(blocks), room)]
 
 
@@ -258,7 +265,8 @@ def without_thumbnails(resources: bytes) -> bytes:
     """Removes thumbnails from resources; anything unreadable is left unchanged."""
     prefix = RESOURCES_PREFIX if resources.startswith(RESOURCES_PREFIX) else b""
     blocks = resources.removeprefix(prefix)
-    kept, end = [], 0
+    kept = []
+    end = 0
     for kind, _, block in _blocks(blocks):
         end += len(block)
         kept += [] if kind in _THUMBNAILS else [block]
@@ -273,7 +281,8 @@ def _blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:
         size_at = at + 6 + name + name % 2
         if len(blocks) < size_at + 4:
             return
-        kind, size = struct.unpack_from(">H", blocks, at + 4)[0], struct.unpack_from(">I", blocks, size_at)[0]
+        kind = struct.unpack_from(">H", blocks, at + 4)[0]
+        size = struct.unpack_from(">I", blocks, size_at)[0]
         end = size_at + 4 + size + size % 2
         yield kind, blocks[size_at + 4 : size_at + 4 + size], blocks[at:end]
         at = end

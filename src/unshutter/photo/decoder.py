@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 SEVERAL_PICTURES = ".mpo"  # from stereo cameras; its first bytes are those of a JPEG
 _HEAD_BYTES = 64
 # A picture this large with fewer bits per pixel has a single colour: made to exhaust memory, not by a camera.
-_MANY_PIXELS, _LEAST_BITS = 100_000_000, 0.03
+_MANY_PIXELS = 100_000_000
+_LEAST_BITS = 0.03
 
 
 def read_header(source: Source, max_pixels: int) -> Header:
@@ -32,7 +33,8 @@ def read_header(source: Source, max_pixels: int) -> Header:
     format = recognise(source)
     try:
         with source.unchanged():
-            header, length = format.read_header(source), source.length
+            header = format.read_header(source)
+            length = source.length
     except OSError as error:
         raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
     pixels = header.width * header.height
@@ -89,7 +91,8 @@ class Decoder:
     """Decodes the picture in encoded data."""
 
     def __init__(self, source: Source, header: Header):
-        self.source, self._header = source, header
+        self.source = source
+        self._header = header
         self._process = os.getpid()
         self._height, self._width = header.height, header.width
         self._grey_ahead: tuple[int, Future[np.ndarray]] | None = None  # requested short side, and the copy
@@ -125,7 +128,8 @@ class Decoder:
         """Returns a grey copy, see ``Photo.grey``."""
         shrink = self._shrink(short_side)
         if shrink > 1:
-            ahead, self._grey_ahead = self._grey_ahead, None  # handed out only once, because the caller may write to it
+            ahead = self._grey_ahead
+            self._grey_ahead = None  # handed out only once, because the caller may write to it
             with suppress(UnshutterError):  # decoding the pixels reports errors in the data
                 if ahead is not None and ahead[0] == short_side and self._has_its_threads:
                     return ahead[1].result()

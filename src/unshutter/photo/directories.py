@@ -178,7 +178,9 @@ def read_directory(data: bytes, at: int, order: str) -> Directory | None:
 
 class _Reader:
     def __init__(self, file: BinaryIO, order: str, layout: Layout) -> None:
-        self.file, self.order, self.layout = file, order, layout
+        self.file = file
+        self.order = order
+        self.layout = layout
         self.length = file.seek(0, io.SEEK_END)
         # Values in a valid file do not overlap; many that point to the same place could exhaust memory.
         self.bytes_left = min(_MAX_TREE_BYTES, 2 * self.length + _SMALL_BYTES)
@@ -243,10 +245,14 @@ _NARROWER = {16: (4, "Q", "I"), 17: (9, "q", "i"), 18: (4, "Q", "I")}
 def encoded(directory: Directory, at: int, order: str, layout: Layout = CLASSIC) -> bytes:
     """Encodes a directory for offset ``at``, followed by its values and sub-directories."""
     table = [struct.pack(order + layout.count, len(directory))]
-    values, here = [], at + len(table[0]) + layout.entry_bytes * len(directory) + layout.offset_bytes
+    values = []
+    here = at + len(table[0]) + layout.entry_bytes * len(directory) + layout.offset_bytes
     for tag, entry in sorted(directory.items(), key=lambda item: item[0]):
         if isinstance(entry, dict):
-            kind, count, data, inline = layout.directory, 1, encoded(entry, here, order, layout), False
+            kind = layout.directory
+            count = 1
+            data = encoded(entry, here, order, layout)
+            inline = False
         else:
             kind, count, data = entry
             inline = len(data) <= layout.offset_bytes
@@ -287,7 +293,8 @@ def in_other_order(directory: Directory) -> Directory:
         if isinstance(entry, dict):
             turned[tag] = in_other_order(entry)
         else:
-            unit, data = _UNIT[entry.kind], bytearray(entry.data)
+            unit = _UNIT[entry.kind]
+            data = bytearray(entry.data)
             for byte in range(unit):
                 data[byte::unit] = entry.data[unit - 1 - byte :: unit]
             turned[tag] = Entry(entry.kind, entry.count, bytes(data))

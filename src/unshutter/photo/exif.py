@@ -28,13 +28,17 @@ _CAMERA_TAGS = frozenset(
 )
 # Geographic position of the picture (OGC GeoTIFF 1.1), with GDAL's additions.
 _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
-_RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT, _INCH = (0x011A, 0x011B), 0x0128, 1, 2
+_RESOLUTION = (0x011A, 0x011B)
+_RESOLUTION_UNIT = 0x0128
+_NO_UNIT = 1
+_INCH = 2
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0xA002, 0xA003, 0xA405
 SOFTWARE = 0x0131
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF is limited to 65,527
-_ENTRY_BYTES, _MOST_DIRECTORIES = 12, 1000
+_ENTRY_BYTES = 12
+_MOST_DIRECTORIES = 1000
 _ROOM_IN_TIFF = 65_536  # bytes for directories, in addition to the values
 
 
@@ -56,7 +60,8 @@ def has_loop(blob: bytes) -> bool:
     order = tiff.BYTE_ORDERS.get(data[:4])
     if order is None or len(data) < 8:
         return False
-    waiting, visited = list(struct.unpack_from(order + "I", data, 4)), set()
+    waiting = list(struct.unpack_from(order + "I", data, 4))
+    visited = set()
     while waiting:
         at = waiting.pop()
         if at in visited or len(visited) > _MOST_DIRECTORIES:
@@ -143,7 +148,8 @@ def add_to_tiff(
     to that of the picture [px]. A file too long for more changes nothing. ``more`` are further tags, in the byte order
     of the page, which they replace.
     """
-    tree, target = read(blob), tiff.read_tree(file)
+    tree = read(blob)
+    target = tiff.read_tree(file)
     end = file.seek(0, io.SEEK_END)
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
     if target is None or (target.layout is tiff.CLASSIC and end + length + _ROOM_IN_TIFF >= 1 << 32):
@@ -159,7 +165,8 @@ def add_to_tiff(
     winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    whole, layout = added | target.pages[0] | dict(more) | winning, target.layout
+    whole = added | target.pages[0] | dict(more) | winning
+    layout = target.layout
     written = tiff.encoded(whole, start, target.order, layout)
     file.write(bytes(end % 2) + maker_notes.in_place(written, start, added, tree))
     file.seek(layout.header)
@@ -206,11 +213,13 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
     camera_tags = _of_the_camera(tree)
     if not camera_tags:
         return None, ["EXIF (too long)"]
-    left_out, details = 0, camera_tags.get(tiff.EXIF)
+    left_out = 0
+    details = camera_tags.get(tiff.EXIF)
     note = details.pop(tiff.MAKER_NOTE, None) if isinstance(details, dict) else None
     names = ["maker's note (too long)"] if note is not None else []
     while len(shorter := _blob_of(camera_tags, tree)) > most:
-        excess, by_size = len(shorter) - most, sorted(_entries(camera_tags), key=lambda item: -len(item[2].data))
+        excess = len(shorter) - most
+        by_size = sorted(_entries(camera_tags), key=lambda item: -len(item[2].data))
         for directory, tag, entry in by_size:
             del directory[tag]
             left_out += 1
@@ -272,7 +281,8 @@ def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> byt
     if editor.second_at:
         editor.wipe_thumbnail()
     if jpeg is not None and editor.link_at and len(editor.data) + len(jpeg) + 100 <= _LARGEST_WITH_THUMBNAIL:
-        start, order = editor.end(), editor.order
+        start = editor.end()
+        order = editor.order
         tags = ((_COMPRESSION, 3, 6), (_ORIENTATION, 3, orientation))  # 6: JPEG
         tags += ((tiff.THUMBNAIL, 4, start + 2 + 12 * 4 + 4), (tiff.THUMBNAIL_LENGTH, 4, len(jpeg)))
         directory = struct.pack(order + "H", len(tags)) + b"".join(tiff.encoded_number(order, *tag) for tag in tags)

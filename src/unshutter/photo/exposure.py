@@ -29,19 +29,24 @@ _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
 # HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a maker-specific process, is Google's HDR
 _MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
 _MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while shooting
-_APPLE_HDR, _IS_HDR = 0x000A, 3
-_EXPOSURE_MODE, _BRACKET = 0xA402, 2
+_APPLE_HDR = 0x000A
+_IS_HDR = 3
+_EXPOSURE_MODE = 0xA402
+_BRACKET = 2
 _LENS_MODEL, _FOCAL_35MM = 0xA434, 0xA405
 _FISHEYE = re.compile(r"fish-?\s?eye", re.IGNORECASE)
 _ACTION_CAMERA = re.compile(r"gopro|insta360|arashi vision|osmo ?action|sjcam|akaso", re.IGNORECASE)
-_LINEAR_MM, _WIDEST_STRAIGHT_MM = 20, 10  # of 35 mm film: from the first on, action cameras have straightened the lines
+# focal lengths, of 35 mm film
+_LINEAR_MM = 20  # from here on, action cameras have straightened the lines
+_WIDEST_STRAIGHT_MM = 10
 _SETTINGS = 0x829D, 0x8827, 0x920A, 0x9206  # aperture, ISO, focal length, distance of the subject
 
 
 def taken(blob: bytes | None) -> datetime | None:
     """Returns the time at which a photo was taken, from EXIF, in the camera's time zone; None if unknown."""
     tree = exif.read(blob)
-    date, fraction = tree.text(_ORIGINAL, EXIF), tree.text(_SUBSECONDS, EXIF)
+    date = tree.text(_ORIGINAL, EXIF)
+    fraction = tree.text(_SUBSECONDS, EXIF)
     try:
         time = datetime.strptime(date, "%Y:%m:%d %H:%M:%S")
     except ValueError:  # zeros or blanks, if the camera's clock was never set
@@ -70,7 +75,8 @@ def blob_of(time_s: float) -> bytes | None:
 def bends_lines(blob: bytes | None) -> bool:
     """Whether a photo was taken by an action camera or a fisheye, by their names, or wider than straight lenses are."""
     tree = exif.read(blob)
-    name, mm = f"{camera(blob)} {tree.text(_LENS_MODEL, EXIF)}", tree.number(_FOCAL_35MM, EXIF) or 0
+    name = f"{camera(blob)} {tree.text(_LENS_MODEL, EXIF)}"
+    mm = tree.number(_FOCAL_35MM, EXIF) or 0
     by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < _LINEAR_MM
     return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < _WIDEST_STRAIGHT_MM
 

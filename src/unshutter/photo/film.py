@@ -166,7 +166,8 @@ def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
     if not directory.startswith(_HEAD) or 12 + 12 * count > length:
         return 0, [], 0
     entries = [struct.unpack_from("<2xHII", directory, 12 + 12 * k) for k in range(count)]
-    blocks, free = [], end - length  # free: bytes before the directory that are not yet assigned to a block
+    blocks = []
+    free = end - length  # bytes before the directory that are not yet assigned to a block
     for kind, before, size in sorted(entries, key=lambda entry: -entry[1]):
         if not 8 <= size <= before <= free:
             return 0, [], 0
@@ -179,7 +180,8 @@ def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
 
 
 def _trailer(version: int, blocks: list[_Block]) -> bytes:
-    directory, before = [_HEAD, struct.pack("<II", version, len(blocks))], sum(len(block.data) for block in blocks)
+    directory = [_HEAD, struct.pack("<II", version, len(blocks))]
+    before = sum(len(block.data) for block in blocks)
     for block in blocks:
         directory.append(struct.pack("<2xHII", block.kind, before, len(block.data)))
         before -= len(block.data)

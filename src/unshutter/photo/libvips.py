@@ -296,7 +296,9 @@ def with_bands(array: np.ndarray) -> np.ndarray:
 
 
 # sRGB and "unspecified", Display P3; transfer functions displayed alike: Rec. 709, unspecified, Rec. 601, sRGB.
-_SRGB, _P3, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
+_SRGB = (1, 2)
+_P3 = 12
+_USUAL_TRANSFERS = (1, 2, 6, 13)
 
 
 def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:

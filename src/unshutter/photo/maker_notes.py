@@ -17,8 +17,13 @@ from typing import NamedTuple
 
 from unshutter.photo import directories as tiff
 
-_APPLE, _APPLE_ORDER_AT, _APPLE_DIRECTORY_AT, APPLE_CONTENT_IDENTIFIER = b"Apple iOS\0", 12, 14, 0x0011
-_NIKON, _NIKON_HEAD, _NIKON_PREVIEW = b"Nikon\0\x02", 10, 0x0011  # its later notes; the directory of their preview
+_APPLE = b"Apple iOS\0"
+_APPLE_ORDER_AT = 12
+_APPLE_DIRECTORY_AT = 14
+APPLE_CONTENT_IDENTIFIER = 0x0011
+_NIKON = b"Nikon\0\x02"  # its later notes
+_NIKON_HEAD = 10
+_NIKON_PREVIEW = 0x0011  # the directory of their preview
 
 
 def apple(blob: bytes | None) -> tiff.Tree:
@@ -46,7 +51,8 @@ def complete(directory: tiff.Directory, tree: tiff.Tree, whole: bytes) -> None:
 
     Changes the first directory of the tree, whose bytes are ``whole``.
     """
-    details, note = directory.get(tiff.EXIF), _note_of(directory)
+    details = directory.get(tiff.EXIF)
+    note = _note_of(directory)
     if isinstance(details, dict) and note is not None and note.kind == _OPAQUE and tree.note_at is not None:
         data = _completed(note.data, tree.order, tree.note_at, whole)
         details[tiff.MAKER_NOTE] = tiff.Entry(_OPAQUE, len(data), data)
@@ -101,7 +107,8 @@ def _completed(note: bytes, order: str, was_at: int, whole: bytes) -> bytes:
         stray = [(slot, at, size) for slot, at, size in directory.elsewhere if 8 <= at <= len(whole) - size]
         all_are_in_exif = len(stray) == len(directory.elsewhere) >= _SURELY and not directory.from_within
         if directory.is_from_outside or all_are_in_exif:
-            changed, values = bytearray(note), b""
+            changed = bytearray(note)
+            values = b""
             for slot, at, size in stray:
                 struct.pack_into(directory.order + "I", changed, slot.value_at, was_at + len(note) + len(values))
                 values += whole[at : at + size]

@@ -224,7 +224,8 @@ class Photo(FileOutput):
 
     def film(self) -> PhotoFilm | None:
         """Returns the film that belongs to the photo; None if there is none."""
-        source, metadata = self._decoder.source if self._decoder is not None else None, self._metadata
+        source = self._decoder.source if self._decoder is not None else None
+        metadata = self._metadata
         return film_of(source, self.format, metadata.film, metadata.xmp, metadata.exif)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:

@@ -83,7 +83,7 @@ class FileOutput(ABC):
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> Encoded:
         """Encodes the photo like :meth:`to_bytes`, and names the metadata that the format cannot hold."""
-        save = from_keywords(Save, locals())
+        save = from_keywords(Save, {"format": format, "quality": quality, "subsampling": subsampling})
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
         target = WRITTEN[save.format or own]
         picture, left_out = self._picture_for(target, save)
@@ -118,7 +118,8 @@ class FileOutput(ABC):
         Returns:
             The names of metadata that the format cannot hold, such as ``("IPTC",)``.
         """
-        options, target = from_keywords(Save, locals()), Path(path)
+        target = Path(path)
+        options = from_keywords(Save, {"quality": quality, "subsampling": subsampling, "keep_times": keep_times})
         format = of_target(target)
         check_result(target, overwrite, self.made_from)
         return write_photo(self, target, format, options, overwrite)
@@ -164,9 +165,12 @@ def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Pictu
 
 def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Metadata, list[str]]:
     """Returns metadata that match the pixels, and the names of those that are lost."""
-    image, metadata, orientation = picture.image, picture.metadata, picture.orientation
+    image = picture.image
+    metadata = picture.metadata
+    orientation = picture.orientation
     left_out = [*metadata.lost_in(format.holds), *metadata.left_behind]
-    packet, resources = metadata.xmp, metadata.resources
+    packet = metadata.xmp
+    resources = metadata.resources
     if packet is not None:
         film = metadata.film if "film" in format.holds else None
         left_out += xmp.lost(packet, film is not None)
@@ -179,7 +183,8 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:
         resources = chunks.without_thumbnails(resources)
-    blob, profile = metadata.exif, metadata.icc
+    blob = metadata.exif
+    profile = metadata.icc
     if profile is not None and profile[16:20] not in (b"RGB ", b"GRAY"):  # libvips would leave it out
         left_out.append(f"colour profile (for {profile[16:20].decode('latin-1').strip() or 'other'} colours)")
         profile = None
@@ -216,7 +221,8 @@ def _fitted_pixels(
         image = to_8_bits(image)
     if image.bands > 2 or format.grey:
         return image, profile
-    grey, alpha = standard(image[0]), image[1:] if image.bands == 2 else None
+    grey = standard(image[0])
+    alpha = image[1:] if image.bands == 2 else None
     if profile is not None and profile[16:20] == b"GRAY":  # for grey only, so it would be lost
         colour = in_srgb(grey, profile)
         profile = field(colour, "icc-profile-data")

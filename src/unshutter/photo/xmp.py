@@ -99,7 +99,8 @@ class Packet:
 
     def changed(self) -> bytes:
         """Returns the packet with all changes."""
-        pieces, done = [], 0
+        pieces = []
+        done = 0
         for at, end, new in sorted(self._changes, key=lambda change: (change[0], -change[1])):
             if at >= done:  # otherwise inside a removed part
                 pieces += [self.data[done:at], new]

@@ -71,7 +71,9 @@ class _Taken:
         with suppress(UnshutterError):
             if isinstance(place, Path):
                 photo = Photo.open(place, max_pixels)
-                time, setting, exposure_s = photo.taken(), photo.setting(), photo.exposure_s()
+                time = photo.taken()
+                setting = photo.setting()
+                exposure_s = photo.exposure_s()
                 if time is None or not time.microsecond or setting is None or exposure_s is None:
                     return None
                 if photo.film() is None:  # which tells more than a burst

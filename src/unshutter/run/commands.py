@@ -45,8 +45,10 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
 
 def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
     """Does the jobs of a plan and reports them; returns the exit code."""
-    request, run = plan.request, plan.run
-    ratio, folder = None, Folder() if plan.judged_together else None
+    request = plan.request
+    run = plan.run
+    ratio = None
+    folder = Folder() if plan.judged_together else None
     if folder is not None and manifest is not None:
         for job in plan.finished:
             folder.add(job, manifest.judged(job))
@@ -110,7 +112,8 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
 
 def estimate_files(request: Estimate) -> int:
     """Estimates the motion of each photo; returns the exit code."""
-    output, overwrite = request.output, request.overwrite
+    output = request.output
+    overwrite = request.overwrite
     inputs = find_photos(request.photos, leave_out=output)
     if inputs.many and output is None and not (request.candidates and not request.json):
         raise UsageError("several photos need {--output} FOLDER for their motions")
@@ -126,7 +129,8 @@ def estimate_files(request: Estimate) -> int:
     files = RunFiles(request, reads=[*inputs.files, register.weights_file(request.find.estimator)], folders=[output])
     files.writes("the motion", *targets.values())
     files.prepare([*targets.values(), *filter(None, [request.plot])])
-    find, undo = None if request.lines else request.find, Undo(request.reference)
+    find = None if request.lines else request.find
+    undo = Undo(request.reference)
     ahead = look_ahead(list(inputs.photos), Wanted(find, undo, request.max_pixels, pixels=False))
 
     def one(photo: Place, tell: Tell) -> None:
@@ -148,7 +152,8 @@ def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> str:
     """Returns a photo's motion as JSON, reports a photo to be left unchanged, and draws the plot asked for."""
     from unshutter.motion.verdict import json_with_speed
 
-    source, readout_ms = begun.place, request.find.camera.readout_ms
+    source = begun.place
+    readout_ms = request.find.camera.readout_ms
     verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
     motion = verdict.finding.motion
     if motion.reason:

@@ -65,7 +65,8 @@ def shares_moved(log_odds: Sequence[float]) -> list[float]:
     share = 0.5
     for _ in range(_ROUNDS):
         each = [_probability(number + _log_odds(share)) for number in log_odds]
-        before, share = share, (math.fsum(each) + PRIOR) / (len(each) + 2 * PRIOR)
+        before = share
+        share = (math.fsum(each) + PRIOR) / (len(each) + 2 * PRIOR)
         if abs(share - before) < _ARRIVED:
             break
     each = [_probability(number + _log_odds(share)) for number in log_odds]
@@ -91,7 +92,8 @@ class Folder:
         groups = defaultdict(list)
         for source in sorted(self.photos, key=str):
             groups[self.photos[source][1].group].append(self.photos[source])
-        again, self.moved = [], 0.0
+        again = []
+        self.moved = 0.0
         for group in groups.values():
             for (job, judged), log_odds in zip(group, shares_moved([each.log_odds for _, each in group]), strict=True):
                 self.moved += _probability(judged.log_odds + log_odds)

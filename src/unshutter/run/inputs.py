@@ -86,7 +86,8 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
         if not (may_be_folder and is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())
             continue
-        inputs.many, is_empty = True, True
+        inputs.many = True
+        is_empty = True
         for name, reason in names_below(source, leave_out, inputs.unreadable):
             reason = reason or next((why for why, applies in _REASONS.items() if applies(name)), "")
             if reason:

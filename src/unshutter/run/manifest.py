@@ -83,7 +83,8 @@ class Manifest:
     ):
         self.run = os.urandom(6).hex()
         self._folder = folder
-        self._request, self._motion = request, motion
+        self._request = request
+        self._motion = motion
         self._whole_paths = whole_paths
         self._entries: dict[str, dict[str, Any]] = {}
         self._journal = journal_in(folder, NAME, self.run, read_only)
@@ -113,7 +114,8 @@ class Manifest:
             return "open", job
         keys = [self._key(target) for target in job.outputs]
         now = [locations.fingerprint(target) for target in job.outputs]
-        recorded, digests = entry.get("outputs", {}), entry.get("digests")
+        recorded = entry.get("outputs", {})
+        digests = entry.get("digests")
         left: dict[locations.Place, str | None] = {
             target: digests.get(key)
             for target, key, found in zip(job.outputs, keys, now, strict=True)
@@ -282,7 +284,9 @@ class ObjectJournal:
     """A journal in objects, one for the lines between two calls of :meth:`flush`."""
 
     def __init__(self, folder: UPath, name: str, run: str):
-        self._folder, self._name, self._run = folder, name, run
+        self._folder = folder
+        self._name = name
+        self._run = run
         self._lines: list[str] = []  # of this run
         self._pieces: list[int] = [0]  # number of lines written up to each piece
 

@@ -104,14 +104,17 @@ class Plan:
     def judged_together(self) -> bool:
         """Whether the photos of a folder say together how many of them moved (folder.py)."""
         request = self.request
-        camera, neighbours = request.find.camera, request.neighbours
+        camera = request.find.camera
+        neighbours = request.neighbours
         alone = neighbours.each_alone or neighbours or neighbours.sequence or self.given is not None
         decided = camera.moving or request.find.candidate is not None or request.undo.min_confidence is not None
         return self.inputs.many and not alone and not decided
 
     def sort(self, manifest: Manifest) -> None:
         """Sorts the jobs to do by the state of their results in the manifest."""
-        jobs, self.to_do, overwrite = self.to_do, [], self.run.overwrite
+        jobs = self.to_do
+        self.to_do = []
+        overwrite = self.run.overwrite
         for job in jobs:
             state, known = manifest.compared(job)
             if state == "another's" and not overwrite:
@@ -126,7 +129,8 @@ class Plan:
 def make_plan(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
     """Plans a run: creates a job for each photo, and checks the files that are not a photo's own."""
     request = _check_request(request, inputs, into, run)
-    jobs, home = _jobs_for(inputs, into, request, run), _manifest_folder(inputs, into, run)
+    jobs = _jobs_for(inputs, into, request, run)
+    home = _manifest_folder(inputs, into, run)
     check_name(request.find.estimator)
     given = None
     if request.motion is not None:
@@ -155,7 +159,9 @@ def make_plan(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan
 
 def _check_request(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Rectify:
     """Checks the request against the photos and outputs; returns it adapted to motion files and masks."""
-    neighbours, save, undo = request.neighbours, request.save, request.undo
+    neighbours = request.neighbours
+    save = request.save
+    undo = request.undo
     goal = into.pictures
     in_folder = goal is not None and goal.is_folder(inputs.many)
     if save.format and goal is not None and not in_folder:
@@ -321,7 +327,8 @@ def add_motions(
     from unshutter.frames.sequence import CameraMotion
     from unshutter.frames.tracks import GUESSED_RATIO
 
-    stated, camera = request.stated_ratio, request.find.camera
+    stated = request.stated_ratio
+    camera = request.find.camera
     usual = ReadoutRatio(GUESSED_RATIO, _GUESSED_ERROR, ReadoutSource.USUAL)
     for ratio in (stated, usual):
         finder = CameraMotion(ratio, camera.focal_px, camera.direction)

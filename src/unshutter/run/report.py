@@ -43,7 +43,9 @@ class Report:
     """Counts and reports the outcomes of a batch; entering it raises UnshutterError if the log cannot be written."""
 
     def __init__(self, plan: Plan):
-        self._plan, self._inputs, run = plan, plan.inputs, plan.run
+        self._plan = plan
+        self._inputs = plan.inputs
+        run = plan.run
         self._preview = Preview(run.preview, run.overwrite, plan.inputs.photos) if run.preview is not None else None
         self.total = sum(map(len, (plan.to_do, plan.finished, plan.refused, self._inputs.unreadable)))
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
@@ -155,13 +157,16 @@ class Report:
     def _note(self, event: str, **facts: Any) -> None:
         if self._log is None:
             return
-        log, self._log = self._log, None  # report a log that cannot be written only once
+        log = self._log
+        self._log = None  # report a log that cannot be written only once
         log.add(event, at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **facts)
         self._log = log
 
     def exit_code(self) -> int:
         """Prints the summary; returns the exit code of the command."""
-        seconds, done, skipped = time.monotonic() - self._start, self.counts["done"], self.counts["skipped"]
+        seconds = time.monotonic() - self._start
+        done = self.counts["done"]
+        skipped = self.counts["skipped"]
         if self.total > 1:
             speed = f" ({rate(done / seconds)})" if done else ""
             before = f", {skipped} finished already" if skipped else ""
@@ -279,7 +284,8 @@ class Preview:
     """Collects before and after pictures, and writes them as one."""
 
     def __init__(self, path: Path, overwrite: bool, photos: Iterable[Place]):
-        self._path, self._overwrite = path, overwrite
+        self._path = path
+        self._overwrite = overwrite
         self._order = {absolute(photo): number for number, photo in enumerate(photos)}
         self._pairs: dict[Place, tuple[str, tuple[np.ndarray, np.ndarray]]] = {}
         self._left_out = 0
@@ -288,7 +294,8 @@ class Preview:
         """Adds a processed photo."""
         if outcome.preview is None:
             return
-        verdict, summary = outcome.verdict, ""
+        verdict = outcome.verdict
+        summary = ""
         if verdict is not None:
             summary = verdict.described() if verdict.changes else f"left unchanged ({verdict.sentence})"
         self._add(job.source, f"{job.source.name}: {summary}", outcome.preview)
@@ -350,7 +357,8 @@ def _title(caption: str, width: int) -> np.ndarray:
     import numpy as np
 
     text = caption.encode("ascii", "replace").decode()
-    font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, width / 2500)
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    scale = max(0.4, width / 2500)
     thick = max(1, round(1.5 * scale))
     (wide, high), _ = cv2.getTextSize(text, font, scale, thick)
     scale *= min(1.0, (width - _GAP) / max(wide, 1))

@@ -43,11 +43,10 @@ class Job:
     # with identical bytes are then kept
     may_repeat: bool = False
     recorded: bool = False  # whether the manifest needs digests of the outputs
-    # its motion, found from its neighbours in a sequence; None: estimated, or shared by all photos. before, after:
-    # its neighbours in a sequence.
+    # its motion, found from its neighbours in a sequence; None: estimated, or shared by all photos
     motion: FrameMotion | None = None
-    before: Place | None = None
-    after: Place | None = None
+    before: Place | None = None  # its neighbour before it in a sequence
+    after: Place | None = None  # its neighbour after it
     burst: Burst | None = None  # what the photos taken just before and after it show; None: it is judged by itself
     folder_log_odds: float | None = None  # judged again in view of the other photos of its folder (run/folder.py)
     preview_px: int | None = None  # long side [px] of the before and after pictures, 0 for full size; None: no preview
@@ -117,7 +116,8 @@ def finish_job(job: Job, request: Rectify, given: Finding | None = None, ahead: 
     """Runs the job as :func:`do_job` does; raises its errors."""
     source_is = fingerprint(job.source)  # taken before reading: a photo that is modified later counts as changed
     begun = _begin(job, request, given, ahead)
-    model, preview = "", None
+    model = ""
+    preview = None
     if request.neighbours or request.neighbours.sequence:
         result = _rectify_between(begun.photo, job, request)
         model = result.model
@@ -208,7 +208,8 @@ def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame
     """Rectifies a photo with the help of its neighbours."""
     from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between, rectify_by_camera
 
-    neighbours, camera = request.neighbours, request.find.camera
+    neighbours = request.neighbours
+    camera = request.find.camera
     alone = request.find if neighbours.fallback else None
     options = SequenceOptions(
         request.stated_ratio, request.undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone

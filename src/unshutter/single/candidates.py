@@ -38,7 +38,8 @@ _LEFT = 0.6  # error that remains, as a share of the expected one
 
 def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tuple[Candidate, ...] | None:
     """Returns the motions of a smeared photo, the one to undo first; None if there is no clear smear."""
-    limit, time = view.speed_limit, view.readout_s()
+    limit = view.speed_limit
+    time = view.readout_s()
     if limit is None or not time.seconds or view.photo.is_merged():
         return None
     readout_error = math.log(time.longest_s / time.seconds) / 2
@@ -61,7 +62,8 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
         moving.append(_candidate(mode, prospects[-1], posterior, view, estimator))
     if limit.refutes(moving[0].motion):
         return None
-    first, least = prospects[0], view.odds.least_confidence
+    first = prospects[0]
+    least = view.odds.least_confidence
     if _is_undone(first, least) and (first.better >= LIKELY or least is not None):
         return (*moving, _still(view, estimator, None, 1 - first.better))
     reason = _reason_of_moved(first.better, moving[0].motion) if view.heading else Reason(Code.WHICH_WAY)
@@ -79,7 +81,8 @@ class _Side:
     @classmethod
     def of(cls, posterior: Posterior, smear: Smear, sign: int) -> _Side:
         """Returns the posterior given the speed that smears show, in the direction of this sign."""
-        optima, J_speed = posterior.optima, smear.jacobian()
+        optima = posterior.optima
+        J_speed = smear.jacobian()
         spread = optima.covariances / _TEMPER
         towards = spread @ J_speed.T  # [K, 6, 2]
         covariance = J_speed @ towards + smear.covariance  # [K, 2, 2]
@@ -178,12 +181,14 @@ def modes_of(posterior: Posterior, largest: float = LARGEST) -> list[Mode]:
     Args:
         largest: displacement [rows] above which they are left out; by default, more than a hand-held camera makes.
     """
-    optima, names = posterior.optima, cast(list[KindOfMotion], list(posterior.kinds))
+    optima = posterior.optima
+    names = cast(list[KindOfMotion], list(posterior.kinds))
     groups: list[list[int]] = []
     for k in np.argsort(-optima.share, kind="stable"):
         home = next((group for group in groups if _alike(optima.motions[group[0]], optima.motions[k])), None)
         groups.append([int(k)]) if home is None else home.append(int(k))
-    modes, mean = [_mode(optima, group, names) for group in groups], _mean(posterior)
+    modes = [_mode(optima, group, names) for group in groups]
+    mean = _mean(posterior)
     others = [mode for mode in modes if mode.share >= _LEAST_SHARE and not _alike(mode.motion, mean.motion)]
     possible = [mode for mode in (mean, *others) if displacement(mode.motion) <= largest]
     return sorted(possible, key=lambda mode: -mode.share)[: _MOST_MODES + 1]

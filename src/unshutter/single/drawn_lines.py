@@ -50,7 +50,8 @@ from unshutter.storage.files import read_text
 LineKind: TypeAlias = Literal["upright", "level", "straight"]
 
 FORMAT = "unshutter-lines/1"
-MOST_LINES, MOST_POINTS = 100, 100
+MOST_LINES = 100
+MOST_POINTS = 100
 
 
 @dataclass(frozen=True)
@@ -121,8 +122,10 @@ _SIGMA_ANGLE = 0.0025  # of a drawn direction [rad],
 _SIGMA_BEND = 0.002  # and of the points of a line [rows]
 _ASKEW = math.radians(0.25)  # of the camera, at most: lines stay within MET_DEG
 _SLACK = 0.01  # of their variance: in the result they are met almost exactly
-_STEEPEST, _MOST_TURN = math.radians(35), math.radians(45)  # tilt that lines show; turn of a line by the motion
-_FARTHEST, _MOST_BENT_PX = 4.5, 3.0  # standard deviations of a motion that lines show; bend that they add [px of 256]
+_STEEPEST = math.radians(35)  # tilt that lines show
+_MOST_TURN = math.radians(45)  # turn of a line by the motion
+_FARTHEST = 4.5  # standard deviations of a motion that lines show
+_MOST_BENT_PX = 3.0  # bend that they add [px of 256]
 _LEAST_LENGTH = 0.01  # of a line [rows]
 _STEP = 1e-6  # of numerical derivatives
 
@@ -220,8 +223,10 @@ class DrawnLikelihood(ManhattanLikelihood):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10]."""
         energy, gradient, hessian = super().expanded(unknowns, kind, camera_only)
-        at, J = self.residuals(unknowns), self.jacobian(unknowns)
-        energy, gradient = energy + 0.5 * (at**2).sum(axis=-1), gradient + (J @ at[..., None])[..., 0]
+        at = self.residuals(unknowns)
+        J = self.jacobian(unknowns)
+        energy = energy + 0.5 * (at**2).sum(axis=-1)
+        gradient = gradient + (J @ at[..., None])[..., 0]
         return energy, gradient, hessian + J @ J.transpose(0, 2, 1)
 
 
@@ -260,7 +265,8 @@ def motion_from_lines(
         motion = view.no_motion(NAME, Reason.of(Code.TOO_LONG, aspect=WIDEST_ASPECT))
         return StraightenedLines(motion, (None,) * len(lines))
     segments, size = segments_of(view)
-    starts, opinion = [np.zeros(6), *STARTS], None
+    starts = [np.zeros(6), *STARTS]
+    opinion = None
     if network is not None and len(segments):
         answer = network.coefficients(segments, view.up).ravel()
         errors = shipped().network_errors
@@ -270,7 +276,9 @@ def motion_from_lines(
     every = DrawnLikelihood(view, segments, size, lines, opinion)
     usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < _MOST_TURN
     level = np.array([line.kind == "level" for line in lines])
-    used, fit, upright = usable, every.prior.mean[None], np.arange(UNKNOWNS) != ROLL
+    used = usable
+    fit = every.prior.mean[None]
+    upright = np.arange(UNKNOWNS) != ROLL
     while used.any():
         likelihood = DrawnLikelihood(view, segments, size, [lines[k] for k in np.flatnonzero(used)], opinion)
         mean = _posterior_mean(likelihood, starts)
@@ -294,13 +302,15 @@ def motion_from_lines(
 
 def _plausible(unknowns: np.ndarray, mean: np.ndarray) -> bool:
     """Whether a hand-held camera moves like that and is tilted that far, and the photo allows the bend."""
-    motion, tilt = unknowns[MOTION], abs(float(unknowns[TILT]))
+    motion = unknowns[MOTION]
+    tilt = abs(float(unknowns[TILT]))
     far2 = float(motion @ _ANY_MOTION.precision @ motion)
     return far2 < _FARTHEST**2 and tilt < _STEEPEST and PX * bend(motion - mean[MOTION]) < _MOST_BENT_PX
 
 
 _ROLLS = np.radians([-3, 0, 3])  # of starting poses
-_FIRST_STEPS, _FOLLOWED = 10, 8  # of all poses; best ones that continue
+_FIRST_STEPS = 10  # of all poses
+_FOLLOWED = 8  # best poses that continue
 _CHANGED = np.array([*range(UNKNOWNS)[MOTION], TILT])  # unknowns that straighten lines
 _READILY = np.array([0.06, 0.03, 0.003, 0.02, 0.01, 0.001, 0.1])  # how much of each: shear rather than bend and turn
 _ONTO_LINES = 5  # steps
@@ -322,10 +332,12 @@ def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) 
 
 def _onto_lines(likelihood: DrawnLikelihood, unknowns: np.ndarray) -> np.ndarray:
     """Changes motion and tilt [1, 10] by the least that straightens the lines in the picture of an upright camera."""
-    unknowns, scale = unknowns.copy(), np.diag(_READILY**2)
+    unknowns = unknowns.copy()
+    scale = np.diag(_READILY**2)
     unknowns[:, ROLL] = np.clip(unknowns[:, ROLL], -_ASKEW, _ASKEW)
     for _ in range(_ONTO_LINES):
-        at, J = likelihood.residuals(unknowns)[0], likelihood.jacobian(unknowns)[0, _CHANGED]
+        at = likelihood.residuals(unknowns)[0]
+        J = likelihood.jacobian(unknowns)[0, _CHANGED]
         unknowns[0, _CHANGED] -= scale @ J @ np.linalg.solve(J.T @ scale @ J + _SLACK * np.eye(len(at)), at)
     return unknowns
 

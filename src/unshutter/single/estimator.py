@@ -124,7 +124,8 @@ class View:
 
     def noted(self, motion: Motion) -> Motion:
         """Returns the motion with what is known about the photo apart from its pixels."""
-        held, own = self.attitude(), Stated(self.camera.roll_deg is not None, self.camera.tilt_deg is not None)
+        held = self.attitude()
+        own = Stated(self.camera.roll_deg is not None, self.camera.tilt_deg is not None)
         roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
         attitude = {"roll_deg": roll, "tilt_deg": tilt, "attitude_from": held.source, "stated_angles": own}
         noted = replace(motion, **attitude, exposure_s=self.exposure_s())

@@ -98,7 +98,8 @@ class VanishingPoints:
     def __init__(self, unknowns: np.ndarray, turn: float = 0.0):
         self._focal = np.exp(unknowns[:, LOG_FOCAL, None])
         self._roll, self._tilt, self._yaw = unknowns[:, ROLL] + turn, unknowns[:, TILT], unknowns[:, YAW]
-        none, one = np.zeros_like(self._yaw), np.ones_like(self._yaw)
+        none = np.zeros_like(self._yaw)
+        one = np.ones_like(self._yaw)
         cos, sin = np.cos(self._yaw), np.sin(self._yaw)
         self._seen = self._in_camera([none, cos, -sin], [one, none, none], [none, sin, cos])
         self.v = self._projected(*self._seen)
@@ -167,7 +168,8 @@ class AngleResiduals:
         """Returns d sin a / d unknowns = cos a da/d unknowns, [S, 10, 3, N]; zero for the motion if ``camera_only``."""
         J = np.zeros((len(self.sine), UNKNOWNS, *self.sine.shape[1:]))
         if not camera_only:
-            (one, other), powers = self._q, [end.powers.T for end in self._ends]
+            one, other = self._q
+            powers = [end.powers.T for end in self._ends]
             for first, J_q in ((0, (one.J_tx, other.J_tx)), (3, (one.J_rz, other.J_rz))):
                 J_one, J_other = (J_end * self.cosine for J_end in self._J_ends(*J_q))
                 for k in range(3):  # t_x and r_z at an end are polynomials in its u
@@ -180,7 +182,8 @@ class AngleResiduals:
     def _J_vanishing(self, J_v: Vector) -> np.ndarray:
         """Returns da/dx if only v depends on x: d arg(e)/dx = (e x J_e) / |e|^2 with J_e = J_v,xy - J_v,z m."""
         x, y, z = J_v
-        (ex, ey), (mx, my) = self._e, self._m
+        ex, ey = self._e
+        mx, my = self._m
         return (ex * (y - my * z) - ey * (x - mx * z)) / self._e2
 
     def _J_ends(self, J_q1: Vector, J_q2: Vector) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +191,8 @@ class AngleResiduals:
 
         da/dx = (e x J_e) / |e|^2 - (d x J_d) / |d|^2 with J_e = -v_z J_q / 2, J_d = -J_q1 or J_q2.
         """
-        (dx, dy), (ex, ey) = self._d, self._e
+        dx, dy = self._d
+        ex, ey = self._e
         half = self._vanishing.v[2] / (2 * self._e2)
         of_x, of_y = ey * half, ex * half
         J_1, J_2 = (
@@ -287,7 +291,8 @@ class ManhattanLikelihood:
         density = precision = 0.0
         for each_precision, peak in zip(self._precisions, self._peaks, strict=True):
             part = np.exp(exponent * each_precision) * peak
-            density, precision = density + part, precision + part * each_precision
+            density = density + part
+            precision = precision + part * each_precision
         return np.sum(density, 1) + self._anywhere, np.asarray(precision)
 
 
@@ -370,7 +375,8 @@ def likelihood_of(
 
 def known_camera(view: View) -> KnownCamera:
     """Returns what is known about the camera from the user or the photo's metadata."""
-    focal_px, limit = view.known_focal_px(), view.speed_limit
+    focal_px = view.known_focal_px()
+    limit = view.speed_limit
     roll_deg, tilt_deg = view.attitude_deg()
     return KnownCamera(
         up=view.up,

@@ -193,7 +193,8 @@ class SegmentNetwork:
         answer = np.empty_like(query)
         scores = np.empty((len(asking), len(context)), np.float32)  # [M, N]
         for start in range(0, width, size):
-            of_head, of_value = slice(start, start + size), slice(width + start, width + start + size)
+            of_head = slice(start, start + size)
+            of_value = slice(width + start, width + start + size)
             _exp_scores(query[:, of_head], keys_values[:, of_head], scores)
             values = answer[:, of_head]  # [M, size]
             _multiply(scores, keys_values[:, of_value], values)
@@ -203,7 +204,8 @@ class SegmentNetwork:
 
 def _multiply(a: np.ndarray, b: np.ndarray, product: np.ndarray) -> None:
     """Fills product [M, n] with a [M, k] @ b [k, n], a few rows at a time."""
-    (rows, inner), columns = a.shape, b.shape[1]
+    rows, inner = a.shape
+    columns = b.shape[1]
     step = max(_ON_ONE_THREAD // (inner * columns), 1)
     whole = rows - rows % step
     if whole:
@@ -245,13 +247,15 @@ def gelu(x: np.ndarray) -> np.ndarray:
 
 OUTPUTS = 6 + 3  # coefficients of the motion, and the camera's pose, which only training uses
 LARGEST_BYTES = 64_000_000  # of a file's arrays; ours takes 1.7 million
-_MOST_ITERATIONS, _MOST_HEADS = 16, 64
+_MOST_ITERATIONS = 16
+_MOST_HEADS = 64
 _COUNTS = ("heads", "iterations")  # whole numbers among the arrays
 
 
 def shapes(width: int, layers: int, latents: int) -> dict[str, tuple[int, ...]]:
     """Returns name and shape of all arrays; ``x @ weight + bias`` is a linear layer, ``blocks`` are stacked."""
-    d, k = width, layers
+    d = width
+    k = layers
     return {
         **_linear("embedding.hidden", FEATURES, d),
         **_linear("embedding.output", d, d),
@@ -322,7 +326,8 @@ def write_weights(path: Path, weights: Weights) -> None:
 
 def _is_complete(weights: Weights) -> bool:
     """Whether names, shapes, data types and counts are those of this network."""
-    latents, queries = weights.get("pooling.latents"), weights.get("blocks.attention.query.weight")
+    latents = weights.get("pooling.latents")
+    queries = weights.get("blocks.attention.query.weight")
     if latents is None or queries is None or latents.ndim != 2 or queries.ndim != 3 or 0 in latents.shape:
         return False
     width = latents.shape[1]

@@ -44,11 +44,11 @@ class Beliefs:
     full_weight_px: float = 64.0  # shorter segments have proportionally less weight
     independent_share: float = 0.4  # independent information: the errors of similar windows are correlated
     sigma_roll: float = 0.8 * _DEGREE
-    sigma_askew: float = 4 * _DEGREE  # roll of cameras that were held carelessly,
-    askew_share: float = 0.1  # and their share
+    sigma_askew: float = 4 * _DEGREE  # roll of cameras that were held carelessly
+    askew_share: float = 0.1  # cameras that were held carelessly
     sigma_tilt: float = 9 * _DEGREE
-    sigma_steep: float = 25 * _DEGREE  # tilt of cameras that look up at towers or down from them,
-    steep_share: float = 0.15  # and their share
+    sigma_steep: float = 25 * _DEGREE  # tilt of cameras that look up at towers or down from them
+    steep_share: float = 0.15  # cameras that do so
     median_focal_rows: float = 1.7  # of a square picture
     sigma_log_focal: float = 0.35
     sigma_known_log_focal: float = 0.05  # if known from EXIF or the user
@@ -72,7 +72,8 @@ class MotionKind:
     @property
     def log_peak(self) -> float:
         """Log density at no motion, relative to that of a normal distribution with the same scale."""
-        nu, n = self.freedom, len(self.scale)
+        nu = self.freedom
+        n = len(self.scale)
         return math.lgamma((nu + n) / 2) - math.lgamma(nu / 2) - n / 2 * math.log(nu / 2)
 
 
@@ -81,11 +82,9 @@ class KnownCamera:
     """What is known about the camera that took this photo."""
 
     up: tuple[int, int] = (0, -1)  # unit vector (right, down) towards the top of the scene
-    # logarithm of the focal length [rows] (from EXIF or the user); None if unknown. roll, tilt: clockwise rotation of
-    # the scene in the picture, and upward tilt of the camera [rad] (from gimbal or accelerometer); None if unknown.
-    log_focal: float | None = None
-    roll: float | None = None
-    tilt: float | None = None
+    log_focal: float | None = None  # logarithm of the focal length [rows], from EXIF or the user; None if unknown
+    roll: float | None = None  # clockwise rotation of the scene in the picture [rad]; None if unknown
+    tilt: float | None = None  # upward tilt of the camera [rad]; None if unknown
     speed: np.ndarray | None = None  # [6, 6] precision of the motion from the photo's sharpness; None if unknown
 
 
@@ -113,7 +112,8 @@ class NetworkErrors:
     @classmethod
     def of(cls, fields: dict[str, Any]) -> NetworkErrors:
         """Reads the errors from the fields of a file."""
-        scales, correlations = np.array(fields["scales"]), np.array(fields["correlations"])
+        scales = np.array(fields["scales"])
+        correlations = np.array(fields["correlations"])
         return cls(fields["freedom"], scales, correlations, fields["usual_px"])
 
     def precision(self, size_px: float) -> np.ndarray:
@@ -132,17 +132,16 @@ class Forest:
 
     features: tuple[str, ...]  # names of the figures tested by nodes
     baseline: float  # constant to which the leaves' values are added
-    # steps from a root to its farthest leaf. feature, right, number: [trees, nodes]: a node leads to the next one if
-    # its figure is at most its number, otherwise to ``right``; a leaf has no feature (-1), and its number is its value.
-    depth: int
-    feature: np.ndarray
-    right: np.ndarray
-    number: np.ndarray
+    depth: int  # steps from a root to its farthest leaf
+    feature: np.ndarray  # [trees, nodes] index of a node's figure in ``features``; -1: the node is a leaf
+    right: np.ndarray  # [trees, nodes] where a node leads if its figure is above its number; otherwise to the next node
+    number: np.ndarray  # [trees, nodes] number with which a node compares its figure; a leaf's value
 
     def of(self, figures: dict[str, float]) -> float:
         """Returns the result for the figures of a photo."""
         asked = np.array([figures[name] for name in self.features])
-        tree, node = np.arange(len(self.feature)), np.zeros(len(self.feature), int)
+        tree = np.arange(len(self.feature))
+        node = np.zeros(len(self.feature), int)
         for _ in range(self.depth):
             feature = self.feature[tree, node]
             further = np.where(asked[feature] <= self.number[tree, node], node + 1, self.right[tree, node])
@@ -227,9 +226,11 @@ class Prior:
         kinds: Sequence[MotionKind] = (),
     ):
         b = beliefs
-        log_focal, sigma_log_focal = math.log(b.median_focal_rows * (1 + aspect) / 2), b.sigma_log_focal
+        log_focal = math.log(b.median_focal_rows * (1 + aspect) / 2)
+        sigma_log_focal = b.sigma_log_focal
         if known.log_focal is not None:
-            log_focal, sigma_log_focal = known.log_focal, b.sigma_known_log_focal
+            log_focal = known.log_focal
+            sigma_log_focal = b.sigma_known_log_focal
         self.mean = np.array([*[0.0] * 6, known.roll or 0.0, known.tilt or 0.0, log_focal, 0.0])
         any_yaw = 1e3
         self.sigma = np.array([*[math.inf] * 6, b.sigma_roll, b.sigma_tilt, sigma_log_focal, any_yaw])
@@ -280,7 +281,8 @@ class Prior:
         hessian[:, MOTION, MOTION] += self._of_speed
         pulls = [_student_t(unknowns[:, MOTION], self._precision[kind], self._freedom[kind])]
         if self._opinion is not None:
-            off, opinion = unknowns[:, MOTION] - self._opinion.motion, self._opinion
+            off = unknowns[:, MOTION] - self._opinion.motion
+            opinion = self._opinion
             pulls.append(_student_t(off, opinion.precision, opinion.freedom))
         for part, J_motion, H_motion in pulls:
             energy = energy + part

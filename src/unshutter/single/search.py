@@ -34,7 +34,7 @@ class Posterior:
 
     # [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad]: the mean, given that the camera moved
     motion: np.ndarray
-    covariance: np.ndarray  # [6, 6] of them
+    covariance: np.ndarray  # [6, 6] covariance of the coefficients
     optima: Optima  # optima for all kinds of motion
     kinds: dict[str, float]  # name of each kind of motion -> its posterior probability, given that the camera moved
     # name of each kind -> log evidence for it against a camera at rest, with equal priors [nats]
@@ -49,10 +49,10 @@ class Posterior:
     breadth: float
     against: float  # share of the parts' evidence that opposes motion
     in_favour: float  # share of the segments that fit better with motion
-    # [4] best camera for the best motion, and for no motion: roll (clockwise rotation of the scene) and upward tilt
-    # [rad], logarithm of the ratio of the focal length to the expected one, yaw against the streets [rad]
+    # [4] best camera for the best motion: roll (clockwise rotation of the scene) and upward tilt [rad], logarithm of
+    # the ratio of the focal length to the expected one, yaw against the streets [rad]
     pose: np.ndarray
-    pose_at_rest: np.ndarray
+    pose_at_rest: np.ndarray  # [4] best camera for no motion
 
     @property
     def expected_error(self) -> float:
@@ -177,7 +177,9 @@ def _optima(
     kept = np.concatenate(
         [np.flatnonzero(kind == k)[_distinct(hypotheses[kind == k], energy[kind == k])] for k in range(count)]
     )
-    hypotheses, kind, hessian = hypotheses[kept], kind[kept], hessian[kept]
+    hypotheses = hypotheses[kept]
+    kind = kind[kept]
+    hessian = hessian[kept]
     log_evidence = likelihood.prior.log_volume[kind] - energy[kept] - 0.5 * np.linalg.slogdet(hessian)[1]
     covariances = np.linalg.inv(hessian)[:, MOTION, MOTION]
     return (hypotheses, kind, log_evidence, covariances), evidence_at_rest, still[best]
@@ -225,7 +227,8 @@ def descend(
     Returns:
         Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
     """
-    at, may_change = begin.copy(), np.zeros(begin.shape, bool)
+    at = begin.copy()
+    may_change = np.zeros(begin.shape, bool)
     if isinstance(free, slice):
         may_change[:, free] = True
     else:
@@ -245,8 +248,10 @@ def descend(
         gain = energy[going] - new_energy
         better = gain > 0
         moved = going[better]
-        at[moved], energy[moved] = tried[better], new_energy[better]
-        gradient[moved], hessian[moved] = new_gradient[better], new_hessian[better]
+        at[moved] = tried[better]
+        energy[moved] = new_energy[better]
+        gradient[moved] = new_gradient[better]
+        hessian[moved] = new_hessian[better]
         damping[going] *= np.where(better, 0.2, 8.0)
         arrived = (better & (gain < _LEAST_GAIN)) | (damping[going] > 1e4)
         going = going[~arrived]

@@ -33,7 +33,8 @@ _OUTER = 0.25  # columns further than this from the centre [widths] reveal rotat
 _DOUBT = 1.5  # standard deviation of a speed, in speed limits
 _LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout: these keep its density finite
 _LEEWAY = 2.5  # multiple of the limit that refutes a motion: nine in ten blurred pictures are below (own-model.md)
-_USUAL, _SMEARED = 1.25, 1.6  # ratios of widths: 1 in 20 photos that stood still is above the first, none the second
+_USUAL = 1.25  # ratio of widths that 1 in 20 photos that stood still exceeds
+_SMEARED = 1.6  # ratio of widths that none of them exceeds
 _MERGED = 3.0  # factor on the speed: sharp parts of a merged photo may come from exposures shorter than EXIF's
 
 
@@ -159,7 +160,10 @@ class _Edges:
         contrast = np.abs(flat[end + line] - flat[begin + line])
         whole = (begin > line * count) & (end < (line + 1) * count)  # not cut by the border
         strong = np.flatnonzero((contrast > _CONTRAST) & whole)
-        begin, end, line, contrast = begin[strong], end[strong], line[strong], contrast[strong]
+        begin = begin[strong]
+        end = end[strong]
+        line = line[strong]
+        contrast = contrast[strong]
         if not len(strong):
             return cls(line, begin.astype(float), contrast.astype(float))
         heights = np.append(np.abs(steps).ravel(), 0)  # lets the last run end there

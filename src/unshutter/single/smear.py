@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from unshutter.single.sharpness import SpeedLimit
 
 _BANDS = 8
-_WINDOW, _SMALLEST = 256, 128  # px of the copy: window of the spectra, and least short side
+_WINDOW = 256  # window of the spectra [px of the copy]
+_SMALLEST = 128  # least short side [px of the copy]
 _LENGTHS = np.concatenate([[0.0], np.geomspace(0.8, 64, 80)])  # px of the copy
 _SLOPES = np.linspace(-4, 4, 33)  # c1 / c0
 _NOISE = np.array([0, 0.25, 0.5, 1, 2])  # multiples of the power along the rows at high frequencies
@@ -36,7 +37,8 @@ _CLEAR = 1.2  # times the residual that remains: least residual without smears
 _ACROSS = 1.4  # smeared edges are at least this multiple of the width of those along the columns
 _SHORTEST = 2.5  # px of the copy; what seems shorter may be the lens or sharpening
 _TO_EDGES = 0.4, 2.8  # length of smears, relative to the width of the sharpest edges
-_ERROR, _SLOPE_ERROR = 0.1, 0.3  # relative errors of c0 and c1
+_ERROR = 0.1  # relative error of c0
+_SLOPE_ERROR = 0.3  # relative error of c1
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ def _unexplained(rows: Float64[np.ndarray, "powers"], columns: Float64[np.ndarra
     """[lengths] mean square residual of one band, at the best level of noise."""
     window = 2 * (len(rows) - 1)
     k = np.arange(2, window // 2 - 1)
-    frequency, damping = k / window, _damping(window)[:, k]
+    frequency = k / window
+    damping = _damping(window)[:, k]
     measured = np.log((rows[k] + _FAINT) / (columns[k] + _FAINT))
     floor = np.percentile(rows[int(_HIGH * window) :], 30)
     best = np.full(len(_LENGTHS), np.inf)

@@ -62,7 +62,8 @@ def absolute(where: Place) -> Place:
 
 def way(folder: Place, where: Place) -> PurePosixPath | None:
     """Returns the relative path from a folder to a place in it (or the folder itself); None if it is elsewhere."""
-    folder, where = absolute(folder), absolute(where)
+    folder = absolute(folder)
+    where = absolute(where)
     if isinstance(folder, Path) != isinstance(where, Path):
         return None
     try:

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
+from typing import TypeVar
 
 from unshutter.errors import UsageError, shortened
 from unshutter.readout_time import ReadoutSource, ReadoutTime
@@ -59,8 +60,8 @@ _KINDS = {
 
 
 @dataclass(frozen=True)
-class CameraMode:
-    """A camera in one of its modes: one line of the table."""
+class Profile:
+    """What a table lists of a camera in one of its modes: one line."""
 
     brand: str
     model: str
@@ -68,13 +69,6 @@ class CameraMode:
     lens: str
     width: int  # columns of a frame [px]
     height: int  # rows of a frame [px]
-    fps: float  # frames per second
-    readout_ms: float  # readout time of a frame [ms], the median of the profiles
-    least_ms: float  # shortest of the profiles [ms]
-    most_ms: float  # longest of the profiles [ms]
-    profiles: int = 1  # number of profiles
-    upward: bool = False  # whether the last stored row is read first, for instance in a phone held upside down
-    note: str = ""  # further conditions of the time
 
     @property
     def camera(self) -> str:
@@ -84,8 +78,21 @@ class CameraMode:
 
     @property
     def name(self) -> str:
-        """Name of the camera, with its lens."""
-        return f"{self.camera} {self.lens}".strip()
+        """Name of the camera, with its lens, unless that is called like the camera."""
+        return self.camera if self.lens in ("", self.brand, self.model) else f"{self.camera} {self.lens.strip()}"
+
+
+@dataclass(frozen=True)
+class CameraMode(Profile):
+    """The readout time of a camera in one of its modes."""
+
+    fps: float  # frames per second
+    readout_ms: float  # readout time of a frame [ms], the median of the profiles
+    least_ms: float  # shortest of the profiles [ms]
+    most_ms: float  # longest of the profiles [ms]
+    profiles: int = 1  # number of profiles
+    upward: bool = False  # whether the last stored row is read first, for instance in a phone held upside down
+    note: str = ""  # further conditions of the time
 
     @property
     def mode(self) -> str:
@@ -111,6 +118,9 @@ class CameraMode:
     def has_rate(self, rate: float) -> bool:
         """Whether it records this many frames per second."""
         return abs(rate / self.fps - 1) <= _SAME_RATE
+
+
+AnyProfile = TypeVar("AnyProfile", bound=Profile)
 
 
 @cache
@@ -177,13 +187,12 @@ def usual_time(tags: Mapping[str, str], interval_s: float) -> ReadoutTime:
 
 def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTime | None:
     """Looks up a camera by the brand, which may be empty, and the model that its files name."""
-    return _range([mode for mode in table() if is_of((mode.brand, mode.model), make, model)], size, rate)
+    return _range(tagged(table(), make, model), size, rate)
 
 
 def find_named(name: str, size: tuple[int, int], rate: float) -> ReadoutTime:
     """Looks up the readout time of a camera that the user names by brand, model and lens, as far as needed."""
-    known = listed(name)
-    known = [mode for mode in known if _spelled(name) in _names(mode)] or known
+    known = closest(listed(name), name)
     this = f"{size[0]}x{size[1]} px at {rate:.4g} frames/s"
     matches = [mode for mode in known if mode.has_size(size) and mode.has_rate(rate)]
     if not matches:
@@ -232,7 +241,7 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
 
 def listed(word: str | None = None) -> list[CameraMode]:
     """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None."""
-    matches = [mode for mode in table() if is_named(mode.name, word or "")]
+    matches = named(table(), word or "")
     if not matches:
         near = _near_names(word or "")
         guess = f"did you mean {' or '.join(near)}?" if near else "`unshutter cameras` lists them"
@@ -248,7 +257,7 @@ def _near_names(word: str) -> list[str]:
     import difflib
 
     longest = max(word.split(), key=len, default="")
-    modes = [mode for mode in table() if is_named(mode.camera, longest)] or table()
+    modes = [mode for mode in table() if _is_named(mode.camera, longest)] or table()
     names = {_plain(name): mode.camera for mode in modes for name in (mode.model, mode.camera)}
     return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, _MOST_NEAR, 0.7)))
 
@@ -263,24 +272,37 @@ def as_text(modes: Iterable[CameraMode]) -> str:
     )
 
 
-def is_of(listed: tuple[str, str], make: str, model: str) -> bool:
-    """Whether a listed brand and model are those of the camera named in a file."""
-    brand = _plain(listed[0])
+def tagged(profiles: Iterable[AnyProfile], make: str, model: str) -> list[AnyProfile]:
+    """Returns the profiles of the camera that a file names by make, which may be empty, and model."""
+    return [profile for profile in profiles if _is_of(profile, make, model)]
+
+
+def named(profiles: Iterable[AnyProfile], word: str) -> list[AnyProfile]:
+    """Returns the profiles of cameras whose name, with the lens, contains a word, in any case and spelling."""
+    return [profile for profile in profiles if _is_named(profile.name, word)]
+
+
+def closest(profiles: list[AnyProfile], name: str) -> list[AnyProfile]:
+    """Returns the profiles of the camera that has just this name, without longer names; all if there is none."""
+    return [profile for profile in profiles if _spelled(name) in _names(profile)] or profiles
+
+
+def _is_of(profile: Profile, make: str, model: str) -> bool:
+    brand = _plain(profile.brand)
     first = (re.findall(r"[a-z0-9]+", make.lower()) or [""])[0]
     if first and not brand.startswith(first) and not first.startswith(brand):
         return False
     spelled = _spelled(model)
-    return bool(spelled) and spelled.removeprefix(brand) == _spelled(listed[1]).removeprefix(brand)
+    return bool(spelled) and spelled.removeprefix(brand) == _spelled(profile.model).removeprefix(brand)
 
 
-def is_named(name: str, word: str) -> bool:
-    """Whether the name of a camera and lens contains a word, in any case and spelling."""
+def _is_named(name: str, word: str) -> bool:
     spelled = _spelled(word)
     return _plain(word) in _plain(name) or bool(spelled and spelled in _spelled(name))
 
 
-def _names(mode: CameraMode) -> set[str]:
-    whole = (mode.model, mode.camera, f"{mode.model} {mode.lens}", mode.name)
+def _names(profile: Profile) -> set[str]:
+    whole = (profile.model, profile.camera, f"{profile.model} {profile.lens}", profile.name)
     return {_spelled(name) for name in whole}
 
 

@@ -20,7 +20,7 @@ from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.motion import Motion
 from unshutter.options import Camera, Clock, FrameModel, Reference
 from unshutter.options.clip_options import MAX_CLIP_PIXELS, ClipEdges, ClipUndo, RectifyClip, Steadiness
-from unshutter.options.fields import check_time, for_python, from_keywords
+from unshutter.options.fields import check_time, for_python, from_keywords, implemented_by
 from unshutter.photo.photo import check_size
 from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
@@ -35,7 +35,11 @@ from unshutter.video.stabilisation import CameraPath, stabilised
 _MOST_BANDS = 4
 
 
-@for_python(RectifyClip)
+def _rectify_clip(source: Any, output: Any, progress: Any, on_readout: Any, options: RectifyClip) -> ClipOutcome:
+    return rectify_clip_file(os.fspath(source), os.fspath(output), options, observer=_Caller(progress, on_readout))
+
+
+@implemented_by(_rectify_clip, options=RectifyClip)
 def rectify_clip(
     source: str | os.PathLike[str],
     output: str | os.PathLike[str],
@@ -92,8 +96,7 @@ def rectify_clip(
         >>> outcome.frames
         16
     """
-    options = from_keywords(RectifyClip, locals())
-    return rectify_clip_file(os.fspath(source), os.fspath(output), options, observer=_Caller(progress, on_readout))
+    ...
 
 
 @dataclass
@@ -159,10 +162,11 @@ def rectify_clip_frames(
         >>> sum(1 for frame in unshutter.rectify_clip_frames(frames, readout_ratio=0.6))
         10
     """
+    known = from_keywords(Camera, {"readout": readout, "focal_px": focal_px, "readout_ms": readout_ms})
+    undo = from_keywords(ClipUndo, {"reference": reference, "strength": strength, "edges": edges})
+    steadiness = from_keywords(Steadiness, {"stabilize": stabilize, "zoom_limit": zoom_limit})
     for_ratio = None if stabilize is not None and readout_ms is None else fps
-    keywords = locals() | {"fps": for_ratio}
-    known, undo = from_keywords(Camera, keywords), from_keywords(ClipUndo, keywords)
-    steadiness, ratio = from_keywords(Steadiness, keywords), stated_ratio(from_keywords(Clock, keywords), known)
+    ratio = stated_ratio(from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": for_ratio}), known)
     if undo.edges not in ("fill", "keep"):
         raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {undo.edges}")
     camera = CameraMotion(ratio, focal_px, known.direction, fewest=FEWEST, whole_path=stabilize is not None)

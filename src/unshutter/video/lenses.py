@@ -344,23 +344,13 @@ _AGREE = 0.03  # share by which the angles of lenses that are alike may differ a
 
 
 @dataclass(frozen=True)
-class LensProfile:
-    """A lens of a camera in one of its modes: one line of the table."""
+class LensProfile(cameras.Profile):
+    """A lens of a camera in one of its modes."""
 
-    brand: str
-    model: str
-    lens: str  # one of its lenses or fields of view; empty if the profiles do not name it
-    width: int  # of the frames [px]
-    height: int
     focal: float  # focal length [widths]
     axis: tuple[float, float]  # position of the axis [widths, heights]
     k: tuple[float, ...]  # OpenCV's fisheye k1 to k4
     profiles: int  # number of profiles that agree
-
-    @property
-    def name(self) -> str:
-        """Name of the camera, with its lens."""
-        return " ".join(dict.fromkeys(filter(None, (self.brand, self.model, self.lens))))
 
     @property
     def degrees(self) -> float:
@@ -393,12 +383,10 @@ def _listed(request: ClipRequest) -> Lens | None:
     user named the camera; otherwise None. A GoPro's field of view, if its file states it (ZFOV), narrows the choice.
     """
     clip, named = request.clip, request.options.shutter.camera
-    make, model = cameras.camera_of(clip.tags)
-    known = (
-        [each for each in table() if cameras.is_of((each.brand, each.model), make, model)]
-        if named is None
-        else named_lenses(named)
-    )
+    if named is None:
+        known = cameras.tagged(table(), *cameras.camera_of(clip.tags))
+    else:
+        known = cameras.closest(named_lenses(named), named)
     alike = [each for each in known if {each.width, each.height} == {clip.width, clip.height}]
     view = clip.camera.view_degrees
     if alike and view is not None and 0 < view < _WIDEST_VIEW:
@@ -417,7 +405,7 @@ def _listed(request: ClipRequest) -> Lens | None:
 
 def named_lenses(name: str) -> list[LensProfile]:
     """Returns the lenses of cameras whose name contains a word, in any case and spelling."""
-    return [each for each in table() if cameras.is_named(each.name, name)]
+    return cameras.named(table(), name)
 
 
 def as_text(lenses: Sequence[LensProfile]) -> str:

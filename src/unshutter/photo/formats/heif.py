@@ -36,7 +36,8 @@ class Avif(WrittenFormat):
     """AVIF: 8, 10 or 12 bits, RGB; the decoder returns grey as three channels."""
 
     name = written_as = "avif"
-    loader, suffixes = "heifload", (".avif",)
+    loader = "heifload"
+    suffixes = (".avif",)
     signature = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
     longest_side, deep, grey, alpha = 16_384, True, False, True
     holds = frozenset({"exif", "icc", "xmp"})
@@ -49,7 +50,8 @@ class Avif(WrittenFormat):
         found = picture_format.metadata_of(image)
         profile = profile_of(*own.code_points, source) if found.icc is None else found.icc
         if picture_format.readable(self, source) is not source:
-            found, left_behind = replace(found, exif=None), ("EXIF (damaged)", *left_behind)
+            found = replace(found, exif=None)
+            left_behind = ("EXIF (damaged)", *left_behind)
         metadata = replace(found, exif=exif.with_header(found.exif), icc=profile, left_behind=left_behind)
         header = picture_format.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)
@@ -109,7 +111,8 @@ class Avif(WrittenFormat):
 class Heic(Format):
     """HEIC: read-only."""
 
-    name, written_as = "heic", "avif"
+    name = "heic"
+    written_as = "avif"
     suffixes = (".heic", ".heif", ".hif")
     signature = re.compile(rb"....ftyp(hevc|hevx|msf1|(....)*(hei[cxms]|mif1))", re.DOTALL)
 
@@ -119,7 +122,8 @@ class Heic(Format):
         picture = _primary(source)
         info = picture.info
         height, width = own.orientation.size(*picture.size[::-1])
-        profile, packet = info.get("icc_profile") or profile_of(*own.code_points, source), info.get("xmp")
+        profile = info.get("icc_profile") or profile_of(*own.code_points, source)
+        packet = info.get("xmp")
         metadata = Metadata(
             exif=info.get("exif") or None,
             icc=bytes(profile) if profile else None,

@@ -38,8 +38,10 @@ _LUMINANCE = (
     *(120, 101, 72, 92, 95, 98, 112, 100, 103, 99),
 )
 
-_JFIF, _XMP = b"JFIF\0", b"http://ns.adobe.com/xap/1.0/\0"
-_MORE_XMP, _PICTURES = b"http://ns.adobe.com/xmp/extension/\0", b"MPF\0"
+_JFIF = b"JFIF\0"
+_XMP = b"http://ns.adobe.com/xap/1.0/\0"
+_MORE_XMP = b"http://ns.adobe.com/xmp/extension/\0"
+_PICTURES = b"MPF\0"
 _METADATA = (*range(APP0, APP0 + 16), COMMENT)
 # Segments that libvips reads, or that only describe the encoding of this file.
 _READ: dict[int, tuple[bytes, ...]] = {
@@ -57,7 +59,8 @@ class Jpeg(WrittenFormat):
 
     name = written_as = "jpeg"
     loader = "jpegload"
-    suffixes, signature = (".jpg", ".jpeg", ".jpe", ".jfif"), re.compile(rb"\xff\xd8\xff")
+    suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
+    signature = re.compile(rb"\xff\xd8\xff")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "film"})
@@ -87,7 +90,8 @@ class Jpeg(WrittenFormat):
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
-        metadata, coding = picture.metadata, picture.coding
+        metadata = picture.metadata
+        coding = picture.coding
         packet = None if _is_too_long(metadata.xmp) else metadata.xmp
         written = replace(picture, metadata=replace(metadata, exif=None, xmp=packet))
         options = {"Q": picture.quality or coding.quality or 95, "subsample_mode": "on" if coding.subsampled else "off"}
@@ -96,7 +100,8 @@ class Jpeg(WrittenFormat):
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. If EXIF is too long, its longest tags are left out."""
         metadata = picture.metadata
-        left_out, added = [], b""
+        left_out = []
+        added = b""
         if metadata.exif is not None:
             blob, left_out = exif.shortened(EXIF_PREFIX + metadata.exif.removeprefix(EXIF_PREFIX), chunks.LONGEST)
             added += b"" if blob is None else chunks.encoded_segment(APP1, blob)
@@ -105,7 +110,8 @@ class Jpeg(WrittenFormat):
         added += b"".join(chunks.encoded_segment(APP13, part) for part in chunks.split_resources(metadata.resources))
         added += b"".join(chunks.encoded_segment(COMMENT, comment) for comment in metadata.comments)
         file.seek(2)
-        at, head = 2, file.read(4)
+        at = 2
+        head = file.read(4)
         if head[:2] == bytes([0xFF, APP0]):  # JFIF must remain first
             at += 2 + struct.unpack(">H", head[2:])[0]
         elif metadata.jfif_density is not None:
@@ -183,7 +189,8 @@ def read_coding(file: BinaryIO) -> Coding:
     Adobe programs use their own tables. Chroma with half the resolution in both directions (4:2:0), or less, counts as
     subsampled; libvips also reports that for 4:2:2.
     """
-    total, factors = None, b""
+    total = None
+    factors = b""
     for marker, content in before_the_scan(file, (_TABLES, *_FRAMES)):
         if marker == _TABLES:
             total = _luminance_sum(content) or total

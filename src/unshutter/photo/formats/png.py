@@ -42,7 +42,8 @@ _IN_WORDS = {
     b"bKGD": "background colour (bKGD)",
     b"dSIG": "digital signature (dSIG)",
 }
-_PALETTE, _BACKGROUND_BYTES = 3, {0: 2, 2: 6, 4: 2, 6: 6}  # by colour type
+_PALETTE = 3  # a colour type
+_BACKGROUND_BYTES = {0: 2, 2: 6, 4: 2, 6: 6}  # by colour type
 _ONE_FRAME = struct.pack(">I", 1)
 
 
@@ -52,7 +53,8 @@ class Png(WrittenFormat):
 
     name = written_as = "png"
     loader = "pngload"
-    suffixes, signature = (".png",), re.compile(rb"\x89PNG\r\n\x1a\n")
+    suffixes = (".png",)
+    signature = re.compile(rb"\x89PNG\r\n\x1a\n")
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "chunks"})
 
@@ -94,7 +96,8 @@ class Png(WrittenFormat):
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. libvips always writes a resolution (pHYs), even if it is unknown."""
-        metadata, added = picture.metadata, []
+        metadata = picture.metadata
+        added = []
         if metadata.exif is not None:
             added.append((b"eXIf", metadata.exif.removeprefix(EXIF_PREFIX)))
         if metadata.xmp is not None:
@@ -209,7 +212,8 @@ def _content(name: bytes, data: bytes) -> bytes | None:
     """Returns the text after a keyword, as bytes; None if it is damaged or far too long."""
     packed = name == b"zTXt"
     if name == b"iTXt":
-        packed, parts = data[:1] == b"\1", data[2:].split(b"\0", 2)  # language, translated keyword, text
+        packed = data[:1] == b"\1"
+        parts = data[2:].split(b"\0", 2)  # language, translated keyword, text
         data = parts[2] if len(parts) == 3 else b""
     elif packed:
         data = data[1:]

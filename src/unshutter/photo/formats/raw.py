@@ -52,7 +52,8 @@ _COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # 
 class Raw(Format):
     """Raw files of all makers that LibRaw supports: read-only, as 16-bit RGB."""
 
-    name, written_as = "raw", "tiff"
+    name = "raw"
+    written_as = "tiff"
     signature = re.compile(
         rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
     )

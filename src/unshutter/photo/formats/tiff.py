@@ -28,11 +28,14 @@ _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0
 _OLD_JPEG, _JPEG = 6, 7  # compressions
 # number of colour samples, by photometric interpretation
 _COLOURS: dict[int | None, int] = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}
-_UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; for (1), libvips undoes the premultiplication
+# meanings of an extra sample
+_UNSPECIFIED = 0
+_TRANSPARENCY = (1, 2)  # for 1, libvips undoes the premultiplication
 _PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
 _CARRIED = {chunks.IPTC_TAG, chunks.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
 _RESOLUTION = 0x011A, 0x011B
-_SHORT, _FRACTION, _MOST_PARTS = 3, 5, 1000  # TIFF types; maximum denominator: 9000/127 per centimetre are 180 per inch
+_SHORT, _FRACTION = 3, 5  # TIFF types
+_MOST_PARTS = 1000  # maximum denominator: 9000/127 per centimetre are 180 per inch
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
 _CLASSIC_BYTES = 3_500_000_000  # larger files become BigTIFFs
 
@@ -43,7 +46,8 @@ class Tiff(WrittenFormat):
 
     name = written_as = "tiff"
     loader = "tiffload"
-    suffixes, signature = (".tif", ".tiff"), re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
+    suffixes = (".tif", ".tiff")
+    signature = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
     longest_side, deep, grey, alpha, masks = 10_000_000, True, True, True, True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "description"})
 
@@ -77,7 +81,8 @@ class Tiff(WrittenFormat):
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
-        image, metadata = picture.image, picture.metadata
+        image = picture.image
+        metadata = picture.metadata
         written = replace(picture, metadata=replace(metadata, resolution=metadata.main_resolution))
         size = image.width * image.height * image.bands * (2 if image.format == "ushort" else 1)
         options = {"compression": {1: "none", 5: "lzw"}.get(picture.coding.compression or 0, "deflate")}
@@ -87,7 +92,8 @@ class Tiff(WrittenFormat):
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat."""
-        metadata, image = picture.metadata, picture.image
+        metadata = picture.metadata
+        image = picture.image
         more = chunks.resource_tags(metadata.resources) | _exact(metadata.main_resolution)
         if picture.masked:  # libvips declares it as transparency
             more[_EXTRA_SAMPLES] = Entry(_SHORT, 1, struct.pack("=H", _UNSPECIFIED))
@@ -98,7 +104,8 @@ class Tiff(WrittenFormat):
 
 def _exact(resolution: Resolution) -> dict[int, Entry]:
     """Returns the resolution as exact fractions, because libvips rounds it: 230 pixels per inch become 229.999."""
-    unit_mm, tags = 25.4 if resolution.unit == "in" else 10.0, {}
+    unit_mm = 25.4 if resolution.unit == "in" else 10.0
+    tags = {}
     for tag, per_mm in zip(_RESOLUTION, resolution[:2], strict=True):
         exact = Fraction(per_mm * unit_mm).limit_denominator(_MOST_PARTS)
         if 0 < exact.numerator < 1 << 32:

@@ -28,7 +28,8 @@ class Webp(WrittenFormat):
 
     name = written_as = "webp"
     loader = "webpload"
-    suffixes, signature = (".webp",), re.compile(rb"RIFF....WEBP", re.DOTALL)
+    suffixes = (".webp",)
+    signature = re.compile(rb"RIFF....WEBP", re.DOTALL)
     longest_side, deep, grey, alpha = 16_383, False, False, True
     holds = frozenset({"exif", "icc", "xmp"})
 
@@ -66,7 +67,8 @@ class Webp(WrittenFormat):
             (size,) = struct.unpack("<I", head[4:])
             content = file.read(size + size % 2)
             if head[:4] == b"EXIF":
-                head, content = b"EXIF" + struct.pack("<I", len(tiff)), tiff + bytes(len(tiff) % 2)
+                head = b"EXIF" + struct.pack("<I", len(tiff))
+                content = tiff + bytes(len(tiff) % 2)
             chunks += head + content
         file.seek(0)
         file.write(b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WEBP" + chunks)
@@ -88,7 +90,8 @@ class _Chunk(NamedTuple):
 def _chunks(file: BinaryIO) -> Iterator[_Chunk]:
     """Yields the chunks of a file, up to the file length stated in its header."""
     file.seek(4)
-    at, end = 12, 8 + int.from_bytes(file.read(4), "little")
+    at = 12
+    end = 8 + int.from_bytes(file.read(4), "little")
     while at + 8 <= end:
         file.seek(at)
         head = file.read(8)
