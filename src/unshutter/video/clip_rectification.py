@@ -30,9 +30,8 @@ from unshutter.video.film_file import FilmWriter, fitted, holds_covers, start_of
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.motion_file import MotionWriter
 from unshutter.video.outcome import ClipOutcome, Tally
-from unshutter.video.plan import Leave, make_plan
+from unshutter.video.plan import NO_FRAMES, Leave, make_plan
 from unshutter.video.rendering import Rendering, straight_view, watched, with_steady_views
-from unshutter.video.survey import NO_FRAMES
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 

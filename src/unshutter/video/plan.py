@@ -15,6 +15,8 @@ from unshutter.video.motion_file import ClipMotion, load
 from unshutter.video.readout import too_little_to_see
 from unshutter.video.survey import Survey, survey
 
+NO_FRAMES = "{clip} has no frames in this part"
+
 
 @dataclass(frozen=True, eq=False)
 class Undo:
@@ -56,7 +58,13 @@ def make_plan(request: ClipRequest, found: ClipCamera | None = None) -> tuple[Cl
 
 
 def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
-    """Returns the plan for a clip by what its tracked frames show."""
+    """Returns the plan for a clip by what its tracked frames show.
+
+    Raises:
+        UnshutterError: the part that the user selected has no frames.
+    """
+    if evidence.is_whole and not evidence.parts:
+        raise UnshutterError(NO_FRAMES, clip=request.clip.path)
     time, options = camera.readout, request.options
     frames = len(evidence.parts[0]) if evidence.is_whole else None
     if time.declined is not None:

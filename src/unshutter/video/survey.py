@@ -12,15 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.progress import Steps
 from unshutter.video.clip import ClipRequest
 from unshutter.video.decode import ahead, frames_of
-
-NO_FRAMES = "{clip} has no frames in this part"
 
 _AHEAD = 3  # frames
 
@@ -86,9 +83,6 @@ def survey(
     Args:
         parts_s: begin and end of each part [s], in order and apart; None means no limit.
         steps: counts the frames.
-
-    Raises:
-        UnshutterError: the part that the user selected has no frames.
     """
     parts = []
     for start, end in parts_s:
@@ -104,8 +98,6 @@ def survey(
                 steps.advance()
         parts.append(part)
     is_whole = list(parts_s) == [(request.options.start, request.options.end)]
-    if is_whole and not any(parts):
-        raise UnshutterError(NO_FRAMES, clip=request.clip.path)
     return Survey([part for part in parts if part], is_whole)
 
 
