@@ -1,5 +1,7 @@
 """What PyAV 18 and 19 do differently, on whichever is installed, and what each of them is asked for."""
 
+import contextlib
+import io
 from types import SimpleNamespace
 
 import pytest
@@ -37,3 +39,16 @@ def test_only_pyav_18_takes_a_rule_for_tags(monkeypatch, version, asked):
     library = SimpleNamespace(__version__=version, open=lambda source, **arguments: (source, arguments))
     monkeypatch.setattr(pyav, "av", lambda: library)
     assert pyav.open_to_read("film.mp4", options={}) == ("film.mp4", {"options": {}, **asked})
+
+
+def test_a_position_that_there_cannot_be_prints_nothing(tmp_path, capfd):
+    """As in a damaged WMV, where PyAV printed the traceback of the file's own exception."""
+
+    class Odd(io.BytesIO):
+        def seek(self, offset, whence=0):
+            raise OSError(22, "Invalid argument")
+
+    whole = clips.write(tmp_path / "in.mov", clips.moving(4)[1], "mpeg4").read_bytes()
+    with contextlib.suppress(OSError, ValueError), pyav.open_to_read(Odd(whole)) as container:
+        list(container.demux())
+    assert "Traceback" not in "".join(capfd.readouterr())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, BinaryIO
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
@@ -61,11 +61,31 @@ def av() -> ModuleType:
     return av
 
 
-def open_to_read(source: Any, **arguments: Any) -> Any:
+class _Seekable:
+    """An open file whose seek says that it failed as FFmpeg expects it: PyAV prints the traceback of an exception."""
+
+    def __init__(self, stream: BinaryIO):
+        self._stream = stream
+        self.read = stream.read
+        self.tell = stream.tell
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Returns the new position, or a negative number where a damaged file asks for one that there cannot be."""
+        try:
+            return self._stream.seek(offset, whence)
+        except (OSError, ValueError, OverflowError):
+            return -1
+
+    def seekable(self) -> bool:
+        """Returns whether the file can be read from any position."""
+        return self._stream.seekable()
+
+
+def open_to_read(source: BinaryIO | str, **arguments: Any) -> Any:
     """Opens a film for reading; by default, PyAV 18 refuses one whose tags are not UTF-8, and PyAV 19 reads it."""
     if int(av().__version__.partition(".")[0]) < 19:
         arguments["metadata_errors"] = "replace"
-    return av().open(source, **arguments)
+    return av().open(source if isinstance(source, str) else _Seekable(source), **arguments)
 
 
 def tags(source: Any) -> dict[str, str]:
