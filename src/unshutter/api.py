@@ -25,6 +25,9 @@ from unshutter.storage.opened import Opened
 
 # ---- for users ------------------------------------------------------------------------------------------
 
+# Each public function states names, defaults and meaning; the private one above it, which gets its keywords as options,
+# does the work.
+
 
 def _rectify(
     photo: AnyPhoto, estimator: str | Estimator, motion: Motion | str | os.PathLike[str] | None, how: Find, undo: Undo

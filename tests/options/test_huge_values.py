@@ -56,6 +56,19 @@ def test_the_command_line(command: str, flag: str, digits: int, photo: str, caps
     assert not Path("out").exists()
 
 
+def test_a_number_with_limits_says_them(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rectify", photo, "-o", "out.jpg", "--quality", "9" * 400]) == 2
+    assert "--quality must lie between 1 and 100" in capsys.readouterr().err
+
+
+def test_no_more_processes_are_prepared_than_there_are_photos(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A table with a place for each of so many ended in "File too large"."""
+    Path("other.jpg").write_bytes(Path(photo).read_bytes())
+    words = ["rectify", photo, "other.jpg", "-o", "out", "--estimator", "none", "--jobs", str(10**15)]
+    assert main(words) == 0, capsys.readouterr().err
+    assert len(list(Path("out").glob("*.jpg"))) == 2
+
+
 @pytest.mark.parametrize("option", [each for each in settings.fields() if each.type in (int, float)], ids=str)
 def test_the_page(option) -> None:
     for value in (str(HUGE), "9" * 5000):

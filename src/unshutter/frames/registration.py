@@ -136,9 +136,9 @@ class Frames:
 
     fit: Fit  # the camera's rotation over time
     times: Float64[np.ndarray, "frames"]  # times of the frames in the fit [frame intervals]
-    ratio: float  # readout time of a frame, in frame intervals. height, width: size of the frames' copies [px].
-    height: int
-    width: int
+    ratio: float  # readout time of a frame, in frame intervals
+    height: int  # rows of the frames' copies
+    width: int  # their columns
 
     def path(self, at: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """Rotation at given times, as shifts in the picture [px of ROWS rows; about z: at the focal length]."""

@@ -153,7 +153,9 @@ def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
 def _not_huge(each: Option, value: T) -> T:
     """Returns the value of an option; a whole number may have more digits than floating point, and text, can hold."""
     if isinstance(value, int) and not -_LARGEST <= value <= _LARGEST:
-        raise UsageError(f"{{--{each.name}}} is too large: at most {_LARGEST:g}")
+        if each.limits:
+            raise UsageError(f"{{--{each.name}}} must lie between {each.limits[0]:g} and {each.limits[1]:g}")
+        raise UsageError(f"{{--{each.name}}} is too {'large' if value > 0 else 'small'}: leave it out for the default")
     return value
 
 

@@ -25,9 +25,9 @@ _LENS_MODEL = 0xA434
 _APPLE_VECTOR = 0x0008
 _GRAVITY_IN_G = (0.94, 1.06)  # of a phone at rest; edited files contain arbitrary values
 _LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane; below it, the upward direction is unclear
-# to recognise a quarter turn: gravity in the plane, deviation from it
-_CLEAR_SHARE = 0.5
-_CLEAR_DEG = 25.0
+# a quarter turn is recognised by
+_CLEAR_SHARE = 0.5  # the least share of gravity in the picture's plane
+_CLEAR_DEG = 25.0  # the largest deviation from it
 
 
 @dataclass(frozen=True)

@@ -55,9 +55,9 @@ COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
 _NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these are meaningful beyond PNG
 _USUAL_GAMMA = struct.pack(">I", 45455)
 _USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
-_LARGEST = 1 << 26  # a chunk's data [bytes]
-_MOST = 10_000  # chunks
-_MOST_BYTES = 1 << 27  # data of all chunks [bytes]
+_LARGEST = 1 << 26  # most data of a chunk [bytes]
+_MOST = 10_000  # most chunks
+_MOST_BYTES = 1 << 27  # most data of all chunks [bytes]
 _LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
 
 

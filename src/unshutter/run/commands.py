@@ -64,7 +64,7 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         report.begin("" if ratio is None else f"unshutter: readout ratio {ratio}")
         # what a killed run left beside a finished result goes, too
         plan.files.prepare(target for job in (*plan.to_do, *plan.finished) for target in job.outputs)
-        with _workers_for(run) as workers:
+        with _workers_for(run, len(plan.to_do)) as workers:
             work = partial(do_job, request=request, given=plan.given, ahead=ahead)
             Batch(work, workers, manifest, report, plan.files, folder).run(plan.to_do)
         report.save_preview()
@@ -73,8 +73,8 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
     return report.exit_code()
 
 
-def _workers_for(run: Run) -> AbstractContextManager[Workers]:
-    """Returns the workers that the options of a run call for: a cluster, processes, or this process."""
+def _workers_for(run: Run, photos: int) -> AbstractContextManager[Workers]:
+    """Returns the workers that the options of a run call for: a cluster, at most a process a photo, or this process."""
     if run.scheduler is run.jobs is run.timeout is None:
         return nullcontext(Workers(InThisProcess(), 1, InThisProcess))
     from unshutter.run.workers import cluster, processes  # imported here: for one photo, this would take 7 ms
@@ -82,7 +82,7 @@ def _workers_for(run: Run) -> AbstractContextManager[Workers]:
     if run.scheduler is not None:
         return cluster(run.scheduler)
     if run.jobs is not None:
-        return processes(run.jobs, run.timeout)
+        return processes(min(run.jobs, max(photos, 1)), run.timeout)
     return processes(1, run.timeout, all_processors=True)  # this process could not stop a decoder that hangs in it
 
 

@@ -45,10 +45,10 @@ class Beliefs:
     independent_share: float = 0.4  # independent information: the errors of similar windows are correlated
     sigma_roll: float = 0.8 * _DEGREE
     sigma_askew: float = 4 * _DEGREE  # roll of cameras that were held carelessly
-    askew_share: float = 0.1  # cameras that were held carelessly
+    askew_share: float = 0.1  # share of cameras that were held carelessly
     sigma_tilt: float = 9 * _DEGREE
     sigma_steep: float = 25 * _DEGREE  # tilt of cameras that look up at towers or down from them
-    steep_share: float = 0.15  # cameras that do so
+    steep_share: float = 0.15  # share of cameras that do so
     median_focal_rows: float = 1.7  # of a square picture
     sigma_log_focal: float = 0.35
     sigma_known_log_focal: float = 0.05  # if known from EXIF or the user

@@ -35,7 +35,13 @@ from unshutter.video.stabilisation import CameraPath, stabilised
 _MOST_BANDS = 4
 
 
-def _rectify_clip(source: Any, output: Any, progress: Any, on_readout: Any, options: RectifyClip) -> ClipOutcome:
+def _rectify_clip(
+    source: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    progress: Callable[[str, int, int], None] | None,
+    on_readout: Callable[[ReadoutTime, float], None] | None,
+    options: RectifyClip,
+) -> ClipOutcome:
     return rectify_clip_file(os.fspath(source), os.fspath(output), options, observer=_Caller(progress, on_readout))
 
 
