@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -78,8 +79,7 @@ class PixelMap:
         suffix = target.suffix.lower()
         with written_whole(target, overwrite) as part:
             if suffix == ".npz":
-                with part.open("wb") as stream:
-                    np.savez(stream, map_x=self.col, map_y=self.row)
+                _write_npz(part, map_x=self.col, map_y=self.row)
             elif suffix == ".exr":
                 _write_exr(part, target, self.st())
             else:
@@ -163,6 +163,14 @@ def _openexr():
     except ImportError:
         raise UnshutterError(f"EXR files need the extra: {errors.extra('exr')} (or write .tif)") from None
     return OpenEXR
+
+
+def _write_npz(part: Path, **arrays: np.ndarray) -> None:
+    """Writes what np.savez does; on a full disc, that of NumPy 2.1 leaves an open file, which prints a traceback."""
+    with ZipFile(part, "w") as packed:
+        for name, array in arrays.items():
+            with packed.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, array, allow_pickle=False)
 
 
 def _write_exr(part: Path, target: Path, st: np.ndarray) -> None:
