@@ -5,10 +5,12 @@ its whole work. Of a photo, the repository's example stands in; clips and bursts
 here says why in ``SKIPPED``; those of unshutter are parsed all the same, so that an option that is gone shows.
 """
 
+import os
 import re
 import shlex
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -100,7 +102,7 @@ def test_commands_of(
 def test_the_options_of_a_page_exist(page: Path) -> None:
     for command in commands(page):
         if command.startswith("unshutter "):
-            name, *words = shlex.split(command.partition(" > ")[0].removesuffix(" &"))[1:]
+            name, *words = shlex.split(re.split(" [<>] ", command)[0].removesuffix(" &"))[1:]
             if find_spec("unshutter_lab") or name not in _OF_LAB:
                 parse(name, command_named(name), words)
 
@@ -117,8 +119,9 @@ def _cannot_run(command: str) -> str:
 
 def _run(command: str, capsys: pytest.CaptureFixture[str]) -> int:
     """Runs a command, as a shell would; the exit code."""
-    if not command.startswith("unshutter "):
-        return subprocess.run(["bash", "-c", command], check=False, capture_output=True).returncode
+    if not command.startswith("unshutter ") or " < " in command or " - " in command:
+        here = {**os.environ, "PATH": os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))}
+        return subprocess.run(["bash", "-c", command], check=False, capture_output=True, env=here).returncode
     command, _, target = command.partition(" > ")
     capsys.readouterr()
     code = main(shlex.split(command)[1:])
@@ -139,7 +142,8 @@ def _prepare(command: str) -> None:
     for pattern in ("*.rectified.*", "unshutter-manifest.jsonl"):
         for path in Path().rglob(pattern):
             path.unlink()
-    words = shlex.split(command.partition(" > ")[0])[2:] if command.startswith("unshutter ") else []
+    before = command.partition(" > ")[0].replace("cat ", "unshutter rectify ")
+    words = [word for word in shlex.split(before)[2:] if word not in "<|-"] if before.startswith("unshutter ") else []
     written = {words[k + 1] for k, word in enumerate(words[:-1]) if word in _WRITTEN}
     for word in words:
         path = Path(word)

@@ -24,9 +24,34 @@ _NOT_TEXT = re.compile("[\ud800-\udc7f\udd00-\udfff]")  # surrogates, other than
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
+_stand_ins: Mapping[str, str] = {}  # path of a temporary file -> what it stands for
+
+
 def visible(text: str) -> str:
     """Escapes line breaks and control characters, so that the text fits on one line and cannot affect a terminal."""
-    return _NOT_TEXT.sub(lambda found: ascii(found[0])[1:-1], text.translate(_VISIBLE))
+    return _NOT_TEXT.sub(lambda found: ascii(found[0])[1:-1], with_stand_ins(text).translate(_VISIBLE))
+
+
+@contextmanager
+def standing_for(names: Mapping[str, str]) -> Iterator[None]:
+    """Makes messages and logs in the block call temporary files by what they stand for: ``standard input``.
+
+    Args:
+        names: path -> what it stands for; others may be added in the block.
+    """
+    global _stand_ins
+    _stand_ins = names
+    try:
+        yield
+    finally:
+        _stand_ins = {}
+
+
+def with_stand_ins(text: str) -> str:
+    """Returns a text that calls temporary files by what they stand for."""
+    for path in sorted(_stand_ins, key=len, reverse=True):
+        text = text.replace(path, _stand_ins[path])
+    return text
 
 
 _LONGEST_VALUE = 60  # characters

@@ -128,4 +128,8 @@ def _bar() -> Any:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     name, speed = TextColumn("{task.description}"), TextColumn("{task.fields[rate]}")
-    return Progress(name, BarColumn(), MofNCompleteColumn(), speed, TimeRemainingColumn(), console=Console(stderr=True))
+    return Progress(
+        *(name, BarColumn(), MofNCompleteColumn(), speed, TimeRemainingColumn()),
+        console=Console(stderr=True),
+        redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),  # rich would send results to standard error
+    )

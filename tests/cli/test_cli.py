@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -180,7 +181,7 @@ def test_unwritable_outputs(photo: Path, capsys: pytest.CaptureFixture[str]) -> 
         ["rectify", "x.jpg", "--quality", "0"],
         ["rectify", "x.jpg", "--frobnicate"],
         ["levitate", "x.jpg"],
-        ["estimate", "a.jpg", "b.jpg"],
+        ["estimate", "a.jpg", "b.jpg", "--json"],
     ],
 )
 def test_wrong_usage_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -218,8 +219,17 @@ def test_usage_that_is_wrong_says_what_is_right(
 # ---- estimate, models, synthesize ---------------------------------------------------------------------------
 
 
-def test_estimate_prints_json(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_estimate_prints_a_line_or_json(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["estimate", str(photo)]) == 0
+    told = capsys.readouterr()
+    line = rf"{re.escape(str(photo))}: [a-z ]+, up to \d+ px, confidence 0\.\d\d: \w+, typically off by [\d.]+ px.*\n"
+    assert re.fullmatch(line, told.out) and not told.err
+    assert main(["estimate", str(photo), "-o", str(photo.with_name("m.json"))]) == 0
+    written = capsys.readouterr()
+    assert written.err == told.out.replace(f"{photo}:", f"{photo} -> {photo.with_name('m.json')}:") and not written.out
+    assert main(["estimate", str(photo), "--readout-ms", "30"]) == 0
+    assert re.search(r"; turned by up to \d+ deg/s, moved by up to \d+ px/s\n", capsys.readouterr().out)
+    assert main(["estimate", str(photo), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert (data["format"], data["height"], data["width"]) == ("unshutter-motion/1", 420, 560)
     assert len(data["tx_px"]) == 420

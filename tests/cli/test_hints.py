@@ -30,7 +30,9 @@ HINTS = [
     (f"{DRY} --strenght 1", "did you mean --strength?", f"{DRY} --strength 1"),
     (f"{DRY} --frobnicate", "leave it out", DRY),
     (f"{DRY} --edges krop", "did you mean crop?", f"{DRY} --edges crop"),
-    (f"{DRY} -o -", "leave it out", DRY),
+    (f"{DRY} --preview -", "leave it out", DRY),
+    (f"{DRY} -o -", "leave out -", DRY),
+    ("rectify a.png b.png -o -", "need --output FOLDER", f"{DRY} b.png -o folder"),
     (f"{DRY} --estimator manhatan", "did you mean manhattan?", f"{DRY} --estimator manhattan"),
     (
         f"{DRY} --estimator xyz",
@@ -89,7 +91,7 @@ HINTS = [
         "choose another name",
         "rectify a.png -o x.png --json-log log.jsonl",
     ),
-    ("estimate a.png b.png", "need --output FOLDER", "estimate a.png b.png -o folder"),
+    ("estimate a.png b.png --json", "leave out --json", "estimate a.png b.png"),
     ("estimate a.png --candidates --plot p.png", "leave out --plot", "estimate a.png --candidates"),
     ("estimate a.png --candidates --lines l.json", "leave out --candidates", "estimate a.png --candidates"),
     (
@@ -178,6 +180,8 @@ HINTS = [
 
 # Beginning or part of a message -> why its hint is not in the table in these words
 NOT_FOLLOWED = {
+    "standard input": "tests/cli/test_pipes.py",
+    "cannot be shown in a terminal": "needs a terminal: tests/cli/test_pipes.py",
     # followed there, but with values in the middle
     "is a film, not a photo: use unshutter video": "in the table",
     "a folder, but  is the name of a file: leave out": "in the table",

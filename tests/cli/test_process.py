@@ -35,7 +35,7 @@ def test_heavy_libraries_are_imported_only_when_needed() -> None:
 def test_the_program_ends_with_what_was_said_and_done(photo: Path) -> None:
     """It does so without the interpreter's tidying up: nothing may be left in a buffer."""
     program = [sys.executable, "-m", "unshutter"]
-    done = subprocess.run([*program, "estimate", str(photo)], capture_output=True, text=True, check=True)
+    done = subprocess.run([*program, "estimate", "--json", str(photo)], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout)["format"] == "unshutter-motion/1"
     done = subprocess.run([*program, "rectify", str(photo)], capture_output=True, text=True, check=True)
     told = re.escape(f"{photo} -> {photo.with_name('street.rectified.jpg')}")
@@ -111,7 +111,7 @@ def test_photos_are_rectified_without_standard_streams(closed: str, photo: Path,
 def test_messages_never_reach_standard_output(tmp_path: Path) -> None:
     plain = tmp_path / "plain.png"
     Photo.from_array(np.full((300, 400, 3), 90, np.uint8)).save(plain)
-    command = f'"{sys.executable}" -m unshutter estimate "{plain}" 2>&-'
+    command = f'"{sys.executable}" -m unshutter estimate --json "{plain}" 2>&-'
     done = subprocess.run(["sh", "-c", command], stdout=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0 and json.loads(done.stdout)["format"] == "unshutter-motion/1"
 

@@ -79,9 +79,9 @@ def test_the_command_prints_and_plots_it(
 
     photo, plain, wide = tmp_path / "street.png", tmp_path / "plain.png", tmp_path / "wide.png"
     Photo.from_array(rolling_facade).save(photo)
-    assert main(["estimate", str(photo), "--plot", str(plain)]) == 0
+    assert main(["estimate", str(photo), "--json", "--plot", str(plain)]) == 0
     assert "speed" not in json.loads(capsys.readouterr().out)
-    assert main(["estimate", str(photo), "--readout-ms", "30", "--plot", str(wide)]) == 0
+    assert main(["estimate", str(photo), "--json", "--readout-ms", "30", "--plot", str(wide)]) == 0
     printed = capsys.readouterr().out
     assert json.loads(printed)["speed"] == Speed.of(Motion.from_json(printed), 30).summary()
     assert Photo.open(wide).width > 1.5 * Photo.open(plain).width

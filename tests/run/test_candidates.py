@@ -34,15 +34,17 @@ def photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_candidates_are_listed_for_people_and_for_programs(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["estimate", "--candidates", str(photo)]) == 0
-    assert capsys.readouterr().out == ""
-    assert main(["estimate", "--candidates", "--json", str(photo)]) == 0
-    listed = capsys.readouterr()
-    assert listed.err.splitlines() == [
+    lines = [
         f"{photo}: 1  as it is (chance 0.60 that the likeliest other does not help)",
         f"{photo}: 2  pan to the right, 9.0 px (chance 0.30 that it helps, typically off by 4.0 px)",
         f"{photo}: 3  hand, 5.0 px (chance 0.10 that it helps, typically off by 6.0 px)",
     ]
+    assert main(["estimate", "--candidates", str(photo)]) == 0
+    listed = capsys.readouterr()
+    assert listed.out.splitlines() == lines and not listed.err
+    assert main(["estimate", "--candidates", "--json", str(photo)]) == 0
+    listed = capsys.readouterr()
+    assert listed.err.splitlines() == lines
     data = json.loads(listed.out)
     assert data["format"] == "unshutter-candidates/1"
     assert [(each["number"], each["kind"]) for each in data["candidates"]] == [(1, "still"), (2, "pan"), (3, "hand")]

@@ -183,7 +183,7 @@ def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> N
     _grey().save(tmp_path / "grey.png")
     lines = [DrawnLine("upright", ((x, 30), (x + 20, 270))) for x in (100, 300)]
     (tmp_path / "lines.json").write_text(lines_as_text([*lines, DrawnLine("level", ((60, 150), (340, 150)))]))
-    assert _estimate(tmp_path / "grey.png", "--lines", tmp_path / "lines.json") == 0
+    assert _estimate(tmp_path / "grey.png", "--json", "--lines", tmp_path / "lines.json") == 0
     motion = Motion.from_json(capsys.readouterr().out)
     assert motion.tx_px[-1] == pytest.approx(25, abs=4)
     (tmp_path / "lines.json").write_text("{}")

@@ -133,8 +133,8 @@ class _Parser(argparse.ArgumentParser):
 def _parsed(word: str, option: Option, program: str) -> Any:
     """Parses a value of an option, for argparse; raises UsageError if it is not one."""
     name = option.key.upper() if _placed(option) else _flag(option)
-    if word == "-":
-        raise UsageError(f"{name}: '-' is not accepted: give a file name, or leave it out (see {program} --help)")
+    if word == "-" and not option.more.get("pipe"):
+        raise UsageError(f"{name}: '-' is not accepted here: give a file name, or leave it out (see {program} --help)")
     if option.choices:
         value = option.more.get("also", {}).get(word.lower(), word)
         if value in option.choices:

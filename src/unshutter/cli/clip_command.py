@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.cli.arguments import Command
+from unshutter.cli.pipes import Pipes
 from unshutter.errors import UsageError, extra
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, RectifyClip
@@ -27,13 +28,14 @@ if TYPE_CHECKING:
 class Arguments:
     """Arguments of ``unshutter video``."""
 
-    clip: str = positional("A film (.mp4, .mov, .mkv ...).", "input")
+    clip: str = positional("A film (.mp4, .mov, .mkv ...); - is standard input.", "input", pipe=True)
     output: str | None = option(
         None,
-        "File or folder to write. Default: NAME.rectified.EXT next to the clip.",
+        "File or folder to write; - is standard output, as Matroska. Default: NAME.rectified.EXT next to the clip.",
         short="-o",
         metavar="PATH",
         names="results",
+        pipe=True,
     )
     options: RectifyClip = field(default_factory=RectifyClip)
 
@@ -42,6 +44,28 @@ def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
     if Path(arguments.clip).suffix.lower() in PHOTO_SUFFIXES:
         raise UsageError(f"{arguments.clip} is a photo, not a clip: unshutter rectify {arguments.clip}; {JOIN}")
+    with Pipes(arguments.clip, arguments.output, "a clip") as pipes:
+        if pipes.is_read:
+            arguments = replace(arguments, clip=str(pipes.keep_clip(arguments.output)))
+        if not pipes.is_written:
+            _report(_rectify(arguments), arguments.options.preview)
+            return 0
+        film = pipes.name_film(Path(arguments.clip))
+        options = arguments.options
+        passes_on = options.may_be_copy and not options.only_changed  # a clip that does not change, byte for byte
+        if passes_on:
+            options = replace(options, only_changed=True)
+        outcome = _rectify(replace(arguments, output=str(film), options=options))
+        if not outcome.written:
+            film = Path(arguments.clip)
+        if outcome.written or passes_on:
+            pipes.send(film)
+        _report(replace(outcome, written=outcome.written or passes_on), options.preview if outcome.written else None)
+    return 0
+
+
+def _rectify(arguments: Arguments) -> ClipOutcome:
+    """Rectifies the clip."""
     from unshutter.video.clip_rectification import rectify_clip_file
 
     options = arguments.options
@@ -52,12 +76,15 @@ def run(arguments: Arguments) -> int:
         output = arguments.output
         if output is None or Path(output).is_dir():
             output = str(Path(output or clip.parent) / film_name(clip))
-        outcome = rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bars, options.encode))
+        return rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bars, options.encode))
+
+
+def _report(outcome: ClipOutcome, preview: Path | None) -> None:
+    """Reports what came of the clip, and the preview that was asked for."""
     for line in _lines_of(outcome):
         tell(line)
-    if arguments.options.preview is not None and outcome.written:
-        tell(f"before and after: {arguments.options.preview}")
-    return 0
+    if preview is not None and outcome.written:
+        tell(f"before and after: {preview}")
 
 
 @dataclass
@@ -183,13 +210,14 @@ timestamps are kept. Needs the extra `video`.""",
     run,
     when_stopped="no half-written file is left",
     essentials={
-        "clip": "a film",
-        "output": "file or folder to write; default: NAME.rectified.EXT",
+        "clip": "a film; -: stdin",
+        "output": "a file or folder; -: stdout",
         "readout_ms": "readout time of a frame, if you know it",
         "camera": "take its readout time (unshutter cameras lists them)",
         "model": "camera, or dense: near and far move differently",
         "edges": "keep, crop, fill or borrow",
         "strength": "how much to undo: 1 is all of it",
+        "stabilize": "also smooth the camera's path",
         "start": "from this second",
         "end": "up to this second",
         "preview": "before and after: a picture, or a short film (.mp4)",

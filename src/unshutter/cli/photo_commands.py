@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from unshutter.cli.arguments import Command
-from unshutter.errors import UnknownRatioError
+from unshutter.cli.pipes import PIPE, Pipes, only
+from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.options import Estimate, Find, Neighbours, Rectify, Run, Save, Undo, option
 from unshutter.options.fields import positional
+from unshutter.storage.locations import place
 
 
 @dataclass(frozen=True)
@@ -16,16 +18,19 @@ class RectifyPhotos:
     """Arguments of ``unshutter rectify``."""
 
     photos: list[str] = positional(
-        "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...).",
+        "Photos, or folders of photos, including the folders below; - is one photo from standard input. With the extra "
+        "`dask` also URLs (s3://...).",
         "input",
+        pipe=True,
     )
     output: str | None = option(
         None,
-        "File to write (one photo), or folder (several photos; subfolders are kept). "
-        "Default: NAME.rectified.EXT next to each photo.",
+        "File to write (one photo), or folder (several photos; subfolders are kept); - is standard output. "
+        "Default: NAME.rectified.EXT next to each photo (NAME.heic becomes NAME.heic.rectified.avif).",
         short="-o",
         metavar="PATH",
         names="results",
+        pipe=True,
     )
     motion: Path | None = option(
         None, "Undo the motion in this JSON file (from {--save-motion}) instead of finding one.", names="input"
@@ -48,6 +53,22 @@ class RectifyPhotos:
 
 def _rectify(arguments: RectifyPhotos) -> int:
     """Rectifies the photos; returns the exit code."""
+    with Pipes(only(arguments.photos), arguments.output, "a photo") as pipes:
+        if pipes.is_read:
+            arguments = replace(arguments, photos=[str(pipes.keep_photo())])
+        if not pipes.is_written:
+            return _rectify_files(arguments)
+        if arguments.run.dry_run:
+            raise UsageError("{--dry-run} lists files that would be written: leave out - or {--dry-run}")
+        if len(arguments.photos) > 1 or Path(arguments.photos[0]).is_dir():
+            raise UsageError("several photos need {--output} FOLDER: - is for one")
+        pipes.name_results(place(arguments.photos[0]), arguments.save.format, arguments.save.keep_names)
+        code = _rectify_files(replace(arguments, output=str(pipes.results)))
+        pipes.send()
+        return code
+
+
+def _rectify_files(arguments: RectifyPhotos) -> int:
     from unshutter.run.commands import Outputs, rectify_files
 
     options = Rectify(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours).settled()
@@ -66,8 +87,8 @@ again to continue a run that was stopped.""",
     RectifyPhotos,
     _rectify,
     essentials={
-        "photos": "photos, or folders of photos",
-        "output": "output: a file, or a folder for several photos",
+        "photos": "photos, or folders of photos; -: stdin",
+        "output": "a file, or a folder for several photos; -: stdout",
         "moving": "the camera moved: a train, a car, a drone",
         "before": "frame taken just before the photo",
         "after": "frame taken just after it",
@@ -86,16 +107,24 @@ def _estimate(arguments: Estimate) -> int:
     """Estimates the motions; returns the exit code."""
     from unshutter.run.commands import estimate_files
 
-    return estimate_files(arguments)
+    if str(arguments.output) == PIPE:
+        arguments = replace(arguments, output=None, json=True)
+    with Pipes(only(arguments.photos), "", "a photo") as pipes:
+        if pipes.is_read:
+            arguments = replace(arguments, photos=[pipes.keep_photo()])
+        return estimate_files(arguments)
 
 
 ESTIMATE = Command(
-    "Find the camera's motion during each photo, as JSON.",
+    """Find how the camera moved during each photo.
+
+A line says what moved and how sure that is. With --json or -o, the motion is JSON, with numbers for each row.""",
     Estimate,
     _estimate,
     essentials={
-        "photos": "photos, or folders of photos",
+        "photos": "photos, or folders of photos; -: stdin",
         "output": "JSON file, or a folder for several photos",
+        "json": "print JSON instead of a line",
         "reference": "row that counts as not moving: first, middle or last",
         "plot": "draw the motion of one photo (extra `plot`)",
         "overwrite": "replace existing outputs",

@@ -47,10 +47,14 @@ class Candidate:
     @property
     def description(self) -> str:
         """Short description, e.g. ``pan to the left, 24 px``, ``hand, 9 px`` or ``as it is``."""
+        return self.name if self.kind == "still" else f"{self.name}, {pixels(self.motion.largest_px)}"
+
+    @property
+    def name(self) -> str:
+        """The kind of motion in words, e.g. ``pan to the left`` or ``hand``."""
         if self.kind == "still":
             return "as it is"
-        name = f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
-        return f"{name}, {pixels(self.motion.largest_px)}"
+        return f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
 
     def described(self) -> str:
         """Description with the known figures: ``hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)``."""

@@ -38,6 +38,12 @@ class Speed:
         per_second = 1000 * (motion.height - 1) / readout_ms  # rows
         return cls(readout_ms, np.degrees(turning) * per_second, velocity * per_second)
 
+    def described(self) -> str:
+        """The peaks in words: ``turned by up to 12 deg/s, moved by up to 1400 px/s``."""
+        peaks = self.summary()
+        turned = abs(peaks["angular_deg_s"]["peak"])
+        return f"turned by up to {turned:.0f} deg/s, moved by up to {peaks['velocity_px_s']['peak']:.0f} px/s"
+
     def summary(self) -> dict:
         """Returns mean and peak, ready for JSON; all signed except the peak velocity, which is a magnitude."""
         peak = self.angular_deg_s[np.abs(self.angular_deg_s).argmax()]

@@ -40,14 +40,15 @@ def option(default: Any, help: str, **more: Any) -> Any:
             test gives every option that names something written the names of all inputs; ``metavar``, ``choices``,
             ``also`` (other words for them), ``limits`` (minimum and maximum of a number) and ``short`` (``-o``);
             ``bare``, the value of the flag alone
-            if the command line accepts it without a value; ``page=False`` if the page does not offer it.
+            if the command line accepts it without a value; ``page=False`` if the page does not offer it; ``pipe=True``
+            if ``-`` stands for standard input or output.
     """
     return field(default=default, metadata={"help": help, **more})
 
 
-def positional(help: str, names: Names, optional: bool = False) -> Any:
-    """Defines a positional argument; an optional list may be empty."""
-    return field(metadata={"help": help, "names": names, "positional": True, "optional": optional})
+def positional(help: str, names: Names, optional: bool = False, pipe: bool = False) -> Any:
+    """Defines a positional argument; an optional list may be empty, and ``-`` may stand for standard input (pipe)."""
+    return field(metadata={"help": help, "names": names, "positional": True, "optional": optional, "pipe": pipe})
 
 
 _LONGEST = 1e9  # of a time, in any unit

@@ -137,12 +137,17 @@ class Run:
 class Estimate:
     """Arguments of ``unshutter estimate``."""
 
-    photos: list[Path] = positional("Photos, or folders of photos, including the folders below.", "input")
+    photos: list[Path] = positional(
+        "Photos, or folders of photos, including the folders below; - is one photo from standard input.",
+        "input",
+        pipe=True,
+    )
     output: Path | None = option(
         None,
-        "JSON file (one photo) or folder (several). Default: standard output (one photo).",
+        "JSON file (one photo) or folder (several); - is standard output. Default: print a line for each photo.",
         short="-o",
         names="results",
+        pipe=True,
     )
     reference: Reference = option("first", "Row that the motion is measured from. Default: first.")
     candidates: bool = option(
@@ -151,7 +156,7 @@ class Estimate:
         "undoes one of them.",
     )
     json: bool = option(
-        False, "With {--candidates} and without {--output}, also print them as JSON, with their motions."
+        False, "Without {--output}, print the motion of one photo as JSON; with {--candidates}, those of all photos."
     )
     plot: Path | None = option(
         None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -115,8 +116,8 @@ def estimate_files(request: Estimate) -> int:
     output = request.output
     overwrite = request.overwrite
     inputs = find_photos(request.photos, leave_out=output)
-    if inputs.many and output is None and not (request.candidates and not request.json):
-        raise UsageError("several photos need {--output} FOLDER for their motions")
+    if inputs.many and output is None and request.json:
+        raise UsageError("several photos need {--output} FOLDER for their motions: leave out {--json}")
     if inputs.many and request.plot:
         raise UsageError("{--plot} draws the motion of one photo only")
     if inputs.many and request.lines:
@@ -139,32 +140,56 @@ def estimate_files(request: Estimate) -> int:
             files.check(file)
             check_place(file, overwrite)
         begun = next(each for each in ahead if each.place == photo)
-        text = _list_candidates(begun, request, tell) if request.candidates else _describe_motion(begun, request, tell)
-        if target:
-            write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
-        elif request.json or not request.candidates:
-            print(text)
+        answer = _list_candidates(begun, request) if request.candidates else _describe_motion(begun, request, tell)
+        if target is not None:
+            write_place(f"{answer.json}\n".encode(), target, overwrite, mode_of=photo)
+        answer.report(target, request.json, tell)
 
     return each_photo(inputs, one)
 
 
-def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> str:
-    """Returns a photo's motion as JSON, reports a photo to be left unchanged, and draws the plot asked for."""
-    from unshutter.motion.verdict import json_with_speed
+@dataclass(frozen=True)
+class _Answer:
+    """What is found about a photo: lines for people, and JSON for programs."""
+
+    photo: Place
+    lines: list[str]
+    json: str
+
+    def report(self, target: Place | None, as_json: bool, tell: Tell) -> None:
+        """Prints the answer: JSON, or else lines, which go to standard error if there is JSON, also in a file."""
+        for number, line in enumerate(self.lines):
+            if target is None and not as_json:
+                print(visible(f"{self.photo}: {line}"))
+            else:
+                tell(f"{self.photo}: {line}" if target is None or number else f"{self.photo} -> {target}: {line}")
+        if target is None and as_json:
+            print(self.json)
+
+
+def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> _Answer:
+    """Returns a photo's motion as a line for people and as JSON, and draws the plot asked for."""
+    from unshutter.motion.verdict import Speed, json_with_speed
 
     source = begun.place
     readout_ms = request.find.camera.readout_ms
     verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
     motion = verdict.finding.motion
     if motion.reason:
-        tell(f"{source}: no motion ({motion.reason})")
+        line = f"no motion ({motion.reason})"
     elif not verdict.changes:
-        tell(f"{source}: rectify leaves it unchanged ({about(verdict)})")
+        line = f"rectify leaves it unchanged ({about(verdict)})"
+    else:
+        chosen = verdict.finding.candidates[(request.find.candidate or 1) - 1 :][:1]
+        line = ", ".join([*(each.name for each in chosen), about(verdict)])
     if request.plot:
         from unshutter.export import plot_motion
 
         plot_motion(motion, request.plot, title=source.name, readout_ms=readout_ms)
-    return motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
+    if readout_ms is None:
+        return _Answer(source, [line], motion.to_json())
+    line = f"{line}; {Speed.of(motion, readout_ms).described()}"
+    return _Answer(source, [line], json_with_speed(motion, readout_ms))
 
 
 def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Verdict:
@@ -182,11 +207,10 @@ def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Ver
     return judge(Finding(straightened.motion), Undo(request.reference))
 
 
-def _list_candidates(begun: Ahead, request: Estimate, tell: Tell) -> str:
-    """Returns the candidates of a photo as JSON, and reports each in a line."""
+def _list_candidates(begun: Ahead, request: Estimate) -> _Answer:
+    """Returns the candidates of a photo, each in a line, and all as JSON."""
     from unshutter.motion.finding import candidates_to_json
 
     listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.finding.candidates]
-    for number, each in enumerate(listed, 1):
-        tell(f"{begun.place}: {number}  {each.described()}")
-    return candidates_to_json(listed)
+    lines = [f"{number}  {each.described()}" for number, each in enumerate(listed, 1)]
+    return _Answer(begun.place, lines, candidates_to_json(listed))

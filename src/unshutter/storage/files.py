@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, with_stand_ins
 
 if TYPE_CHECKING:
     import numpy as np
@@ -115,7 +115,8 @@ class JsonLog:
 
     def add(self, event: str, **about: Any) -> None:
         """Appends an event."""
-        add_text(self._path, json.dumps({"event": event, **about}) + "\n")
+        named = {key: with_stand_ins(value) if isinstance(value, str) else value for key, value in about.items()}
+        add_text(self._path, json.dumps({"event": event, **named}) + "\n")
 
 
 def check_name(path: Path) -> None:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import os
 import posixpath
 import stat
+import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -268,7 +269,8 @@ class RunFiles:
 
     Inputs and outputs that options name (options/fields.py) are collected, and the outputs checked: UnshutterError if
     one is an input or behind a link, UsageError if two are one file. ``reads`` are other files that the run reads;
-    those that were opened already are recognised under any name that they have been given since.
+    those that were opened already are recognised under any name that they have been given since. So is the file that
+    standard input is redirected from.
     Below the output folders that the user named, links are not followed; links above them are part of the name that the
     user chose.
     """
@@ -278,7 +280,8 @@ class RunFiles:
     ):
         named = [place(value) for each in options for _, value in _values(each, "input")]
         inputs = [each for each in (*reads, *named) if each is not None]
-        self._opened = [each for each in inputs if isinstance(each, Opened)]
+        redirected = Opened.behind(sys.stdin)  # the file that standard input comes from, if it is one
+        self._opened = [each for each in (*inputs, redirected) if isinstance(each, Opened)]
         self._inputs = [each.path if isinstance(each, Opened) else each for each in inputs]
         self._folders = [each for each in folders if isinstance(each, Path)]
         self._looked_at: set[Place] = set()  # folders without links in their paths

@@ -1,0 +1,164 @@
+"""Standard input and output in place of files, which ``-`` stands for.
+
+What comes in is kept in a temporary file, and what goes out is passed on when it is complete: commands work on files,
+results have the bytes that they would have there, and a reader gets a whole result or nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from unshutter.errors import UnshutterError, UsageError, standing_for
+from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.photo.decoder import recognise
+from unshutter.photo.libvips import Source
+from unshutter.run.inputs import film_name, picture_name, unchanged_name
+from unshutter.storage.locations import Place
+
+PIPE = "-"
+_INPUT = "standard input"
+_OUTPUT = "standard output"
+_CHUNK = 1 << 20  # bytes
+_LARGEST_PHOTO = 1 << 32  # bytes: what most formats can hold
+
+
+class Pipes:
+    """The files in a temporary folder that stand for a command's standard input and output; none if it uses neither.
+
+    Args:
+        source: the only input, or an empty text if there are several.
+        output: where results go, if that was said.
+        what: what goes out, as the command calls it: ``a photo``.
+    """
+
+    def __init__(self, source: str, output: str | None, what: str):
+        self._stack = ExitStack()
+        self.is_read = source == PIPE
+        self.is_written = output == PIPE or (output is None and self.is_read)
+        self._what = what
+        if self.is_read and sys.stdin.isatty():
+            raise UsageError(f"standard input is the terminal: pipe {what} into it, or give the name of a file")
+        if self.is_written and sys.stdout.isatty():
+            raise UsageError(f"{what} cannot be shown in a terminal: give {{--output}} FILE, or add > FILE")
+        if self.is_written and source and not self.is_read:
+            _check_not_appended(Path(source))
+        self._names: dict[str, str] = {}  # path -> what it stands for
+        if self.is_read or self.is_written:
+            self._folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="unshutter-")))
+            self._names[str(self._folder / "stdin")] = _INPUT
+            self._stack.enter_context(standing_for(self._names))
+
+    def __enter__(self) -> Pipes:
+        return self
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Removes the files; the message of an error, which is printed later, calls them by what they stand for."""
+        if isinstance(error, UnshutterError):
+            error.names.update(self._names)
+        self._stack.close()
+
+    @property
+    def results(self) -> Path:
+        """The folder for the file that goes out."""
+        return self._folder / "out"
+
+    def keep_photo(self) -> Path:
+        """Keeps the photo that comes in; returns its file, whose name has the ending of its format."""
+        kept = self._keep(is_photo=True)
+        return self._rename(kept, recognise(Source.of_file(kept)).suffixes[0])
+
+    def keep_clip(self, output: str | None) -> Path:
+        """Keeps the clip that comes in; returns its file, which has the ending of the output where both are alike."""
+        kept = self._keep()
+        if _is_photo(kept):
+            raise UsageError(f"standard input is a photo, not a clip: unshutter rectify {PIPE}")
+        return self._rename(kept, _ending_of_clip(kept, output or ""))
+
+    def name_results(self, source: Place, format: str | None = None, keep: bool = False) -> None:
+        """Makes messages call the results of a photo in :attr:`results`, whatever they are named, standard output."""
+        for name in (picture_name(source, format, keep), unchanged_name(source, format, keep)):
+            self._names[str(self.results / name)] = _OUTPUT
+
+    def name_film(self, source: Path) -> Path:
+        """Returns the file for the film that goes out, in a format that can be read from a pipe."""
+        self.results.mkdir()
+        film = (self.results / film_name(source)).with_suffix(".mkv")
+        self._names[str(film)] = _OUTPUT
+        return film
+
+    def send(self, file: Path | None = None) -> None:
+        """Writes a file to standard output, by default the one that came of a photo, if there is one."""
+        if file is None:
+            file = next(self.results.iterdir(), None) if self.results.is_dir() else None
+        if file is not None:
+            with file.open("rb") as stream:
+                shutil.copyfileobj(stream, sys.stdout.buffer, _CHUNK)
+            sys.stdout.buffer.flush()
+
+    def _keep(self, is_photo: bool = False) -> Path:
+        """Keeps what comes in; a photo is recognised by its beginning, before data that may not end."""
+        kept = self._folder / "stdin"
+        try:
+            with kept.open("wb") as file:
+                while data := sys.stdin.buffer.read(_CHUNK):
+                    is_first = file.tell() == 0
+                    file.write(data)
+                    if is_photo and is_first:
+                        file.flush()
+                        recognise(Source.of_file(kept))
+                    if is_photo and file.tell() > _LARGEST_PHOTO:
+                        raise UnshutterError("standard input is larger than 4 GB: write it to a file first")
+        except OSError as error:
+            raise UnshutterError(f"cannot keep standard input in {self._folder.parent}: {error.strerror}") from None
+        return kept
+
+    def _rename(self, kept: Path, ending: str) -> Path:
+        file = kept.rename(kept.with_suffix(ending))
+        self._names[str(file)] = self._names.pop(str(kept))
+        return file
+
+
+def only(sources: Iterable[str | os.PathLike[str]]) -> str:
+    """Returns the only one of several inputs; empty if there are several, none of which may be standard input."""
+    names = [os.fspath(source) for source in sources]
+    if len(names) == 1:
+        return names[0]
+    if PIPE in names:
+        raise UsageError(f"'{PIPE}' is a single photo from standard input: leave out the others")
+    return ""
+
+
+def _is_photo(file: Path) -> bool:
+    try:
+        recognise(Source.of_file(file))
+    except UnshutterError:
+        return False
+    return True
+
+
+def _check_not_appended(source: Path) -> None:
+    """Raises UnshutterError if standard output was redirected to the end of the file that is read."""
+    with suppress(OSError, ValueError):
+        if os.path.samestat(os.fstat(sys.stdout.fileno()), os.stat(source)):
+            raise UnshutterError("standard output is {photo}, an original, which is never overwritten", photo=source)
+
+
+def _ending_of_clip(clip: Path, output: str) -> str:
+    """Returns an ending of a film's name that fits its contents, that of the output if it does; empty if unknown."""
+    from unshutter.frames.pyav import av, open_to_read
+
+    try:
+        with clip.open("rb") as stream, open_to_read(stream) as container:
+            kinds = container.format.name.split(",")
+    except (ValueError, av().error.FFmpegError):
+        return ""
+    wanted = Path(output).suffix.lower()
+    if FILM_FORMATS.get(wanted) in kinds:
+        return wanted
+    return next((ending for ending, kind in FILM_FORMATS.items() if kind in kinds), "")
