@@ -23,6 +23,7 @@ from PIL import Image
 from support import clips
 from support.camera_files import dng, heic, linear
 from support.gyro_logs import write_gcsv
+from support.walking_camera import WalkingCamera
 from unshutter.cli import command_named, main
 from unshutter.cli.arguments import parse
 from unshutter.motion import RowMotion
@@ -161,6 +162,8 @@ def _make(path: Path, word: str, command: str) -> None:
     makers = {
         "examples": lambda: Path("examples").symlink_to(ROOT / "examples"),
         "frames": lambda: _frames(Path("frames")),
+        "straight": lambda: _frames(Path("straight")),
+        "sparse": lambda: WalkingCamera(numbers=(0, 3, 6)).write_model(path),
         "film": lambda: _frames(Path("film")),
         "FOLDER": lambda: _folder(path) if word.endswith("/") else None,
         **dict.fromkeys(("a.jpg", "b.jpg", "c.jpg"), _burst),

@@ -9,6 +9,7 @@ Everything listed here is public; the modules that hold it are not.
 One photo       rectify -> Rectified, estimate -> Motion, candidates -> Candidate, Photo, DrawnLine
 Frames          rectify_frames -> RectifiedFrame, estimate_frames -> Motion
 Clips           rectify_clip -> ClipOutcome, rectify_clip_frames -> arrays
+3D models       camera_poses -> CameraPoses, which has PicturePoses
 Motions         Motion: RowMotion, RotationMotion; Readout
 Methods         load -> Estimator, which gets a View; Method
 Errors          UnshutterError: UsageError, MissingFileError
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from unshutter.motion.rectified import Rectified
     from unshutter.orientation import Readout
     from unshutter.photo import Photo
+    from unshutter.poses.camera_poses import CameraPoses, PicturePoses
+    from unshutter.poses.row_poses import camera_poses
     from unshutter.single import Method
     from unshutter.single.drawn_lines import DrawnLine
     from unshutter.single.estimator import Estimator, View
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
 
 
 __all__ = [
+    "CameraPoses",
     "Candidate",
     "ClipOutcome",
     "DrawnLine",
@@ -45,6 +49,7 @@ __all__ = [
     "MissingFileError",
     "Motion",
     "Photo",
+    "PicturePoses",
     "Readout",
     "Rectified",
     "RectifiedFrame",
@@ -54,6 +59,7 @@ __all__ = [
     "UsageError",
     "View",
     "__version__",
+    "camera_poses",
     "candidates",
     "estimate",
     "estimate_frames",
@@ -73,6 +79,8 @@ _HOMES = {
     "motion.rectified": ("Rectified",),
     "orientation": ("Readout",),
     "photo": ("Photo",),
+    "poses.camera_poses": ("CameraPoses", "PicturePoses"),
+    "poses.row_poses": ("camera_poses",),
     "single": ("Method",),
     "single.drawn_lines": ("DrawnLine",),
     "single.estimator": ("Estimator", "View"),

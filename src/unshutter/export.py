@@ -79,7 +79,7 @@ class PixelMap:
         suffix = target.suffix.lower()
         with written_whole(target, overwrite) as part:
             if suffix == ".npz":
-                _write_npz(part, map_x=self.col, map_y=self.row)
+                write_npz(part, map_x=self.col, map_y=self.row)
             elif suffix == ".exr":
                 _write_exr(part, target, self.st())
             else:
@@ -165,7 +165,7 @@ def _openexr():
     return OpenEXR
 
 
-def _write_npz(part: Path, **arrays: np.ndarray) -> None:
+def write_npz(part: Path, **arrays: np.ndarray) -> None:
     """Writes what np.savez does; on a full disc, that of NumPy 2.1 leaves an open file, which prints a traceback."""
     with ZipFile(part, "w") as packed:
         for name, array in arrays.items():

@@ -12,6 +12,7 @@ import unshutter
 from support import clips
 from support.batches import make_motion, make_photos
 from support.line_scenes import lines_as_text
+from support.walking_camera import WalkingCamera
 from unshutter.cli import main
 from unshutter.single.drawn_lines import DrawnLine
 
@@ -108,6 +109,15 @@ def points(folder: Path) -> Scene:
     return Scene(["points", motion, table], [motion, table], {"--output": ".csv"}, any_name=[motion, table])
 
 
+def poses(folder: Path) -> Scene:
+    """A model and the motion file of its film."""
+    camera = WalkingCamera()
+    model = camera.write_model(folder / "sparse")
+    motions = camera.write_clip_motion(folder / "m.json", 13)
+    words = ["poses", "--colmap", model, "--motions", motions]
+    return Scene(words, [*sorted(model.iterdir()), motions], {"--output": ""}, any_name=[motions])
+
+
 def film(folder: Path) -> Scene:
     """A film, its gyro log next to it, and a file of its lens."""
     film, log = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "a.gcsv"
@@ -187,6 +197,7 @@ SCENES: dict[str, list[Callable[[Path], Scene]]] = {
     "estimate": [estimate, estimates],
     "map": [map_photo],
     "points": [points],
+    "poses": [poses],
     "video": [film, film_by_motion],
     "evaluate": [evaluate],
     "synthesize": [synthesize],

@@ -65,6 +65,7 @@ COMMANDS = {
     "map": "other_commands:MAP",
     "serve": "other_commands:SERVE",
     "points": "other_commands:POINTS",
+    "poses": "poses_command:COMMAND",
     "models": "other_commands:MODELS",
     "completion": "other_commands:COMPLETION",
 }

@@ -1,0 +1,63 @@
+"""``unshutter poses``: the camera's poses at the rows of the pictures of a 3D model."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, dataclass, field
+from pathlib import Path
+
+from unshutter.cli.arguments import Command
+from unshutter.options import option
+from unshutter.poses.row_poses import PoseOptions
+from unshutter.progress import tell
+from unshutter.storage.locations import RunFiles
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Arguments of ``unshutter poses``."""
+
+    colmap: Path = option(MISSING, "Folder of a COLMAP model, binary or text.", metavar="FOLDER", names="input")
+    motions: Path = option(
+        MISSING,
+        "Motion file of the clip that the pictures are frames of (`video --save-motion`), or a folder with a motion "
+        "file for each (`rectify --sequence --save-motion`).",
+        names="input",
+    )
+    output: Path = option(
+        MISSING,
+        "Folder to write gsplat.npz, transforms.json and poses.csv into.",
+        short="-o",
+        metavar="FOLDER",
+        names="results",
+    )
+    images: str = option(
+        "images", "Folder of the pictures, as transforms.json names it. Default: images.", names="word"
+    )
+    overwrite: bool = option(False, "Replace existing outputs.")
+    options: PoseOptions = field(default_factory=PoseOptions)
+
+
+def run(arguments: Arguments) -> int:
+    """Finds and writes the poses, and reports them; returns the exit code."""
+    from unshutter.poses.camera_poses import NAMES, write_poses
+    from unshutter.poses.row_poses import find_poses
+
+    files = RunFiles(arguments, reads=arguments.colmap.glob("*"), folders=[arguments.output])
+    for name in NAMES:
+        files.writes(name, arguments.output / name)
+        files.check(arguments.output / name)
+    poses = find_poses(arguments.colmap, arguments.motions, arguments.options)
+    write_poses(poses, arguments.output, arguments.images, arguments.overwrite)
+    tell(f"{arguments.colmap} -> {arguments.output}: {poses.described()}")
+    return 0
+
+
+COMMAND = Command(
+    """Write the camera's pose at each row of the pictures of a COLMAP model, for gsplat and nerfstudio.
+
+Each row of a rolling-shutter picture has a pose of its own. COLMAP finds one for a picture; the motion within it and
+the positions of its neighbours give the others.""",
+    Arguments,
+    run,
+    when_stopped="no half-written file is left",
+)

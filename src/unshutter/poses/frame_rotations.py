@@ -1,0 +1,202 @@
+"""How the camera turned within each picture of a model, and between them, from motion files."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.frame_motion import AT_REST
+from unshutter.motion import Motion, RotationMotion
+from unshutter.motion.rotations import rotation_matrix
+from unshutter.motion.shapes import Float64
+from unshutter.orientation import Readout
+from unshutter.reasons import Reason
+from unshutter.run.inputs import motion_name
+from unshutter.video import motion_file as clip_motion_file
+
+_NUMBER = re.compile(r"(\d+)\D*$")
+_LONGEST_S = 1.0  # between pictures from whose poses a speed is taken
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When the frames of a film were read."""
+
+    interval_s: float  # time from one frame to the next [s]
+    readout_s: float  # time from a frame's first line to the end of its last [s]
+
+
+@dataclass(frozen=True)
+class PictureCamera:
+    """What is known of the camera from the model."""
+
+    height: int  # of the stored pictures [px]
+    width: int
+    focal_px: float
+
+
+class FrameRotations(ABC):
+    """How the camera turned within the frames of a film, which are counted from 0."""
+
+    readout_s: float
+
+    @abstractmethod
+    def motion(self, name: str, number: int) -> Motion:
+        """Returns the motion of a picture, a frame of the film; of any size of the same shape."""
+
+    @abstractmethod
+    def start_s(self, number: int) -> float:
+        """Returns when the first line of a frame was read [s]."""
+
+    @abstractmethod
+    def turn(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
+        """Returns the rotation from the middle line of a frame to that of a later one; None if it is unknown."""
+
+    @abstractmethod
+    def joined(self, first: int, last: int) -> bool:
+        """Whether two frames are near in time, without a cut between them."""
+
+
+class ClipRotations(FrameRotations):
+    """The motion file of a clip (``unshutter video --save-motion``)."""
+
+    def __init__(self, file: Path):
+        self._file = file
+        self._clip = clip_motion_file.load(file)
+        times = self._clip.times_s
+        interval_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        self.readout_s = self._clip.ratio * interval_s
+
+    def motion(self, name: str, number: int) -> Motion:
+        """See FrameRotations."""
+        if not 0 <= number < len(self._clip.motions):
+            frames = f"{len(self._clip.motions)} frames, and {name} would be number {number}, counted from 0"
+            raise UnshutterError(
+                f"{{file}} has {frames}: extract every frame, and see {{--first-number}}", file=self._file
+            )
+        return self._clip.motions[number]
+
+    def start_s(self, number: int) -> float:
+        """See FrameRotations."""
+        return float(self._clip.times_s[number])
+
+    def turn(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
+        """See FrameRotations."""
+        readout = self._clip.readout
+        rows, _ = readout.frame_size(camera.height, camera.width)
+        turned = np.eye(3)
+        for step in self._clip.steps[first + 1 : last + 1]:
+            if step is None:
+                return None
+            moved = 1.0 if np.isnan(step.focal_heights) else step.focal_heights * rows / camera.focal_px
+            turned = _in_picture(step.turn, moved, readout) @ turned
+        return turned
+
+    def joined(self, first: int, last: int) -> bool:
+        """See FrameRotations."""
+        is_near = self.start_s(last) - self.start_s(first) <= _LONGEST_S
+        return is_near and not any(self._clip.cuts[first + 1 : last + 1])
+
+
+class PictureRotations(FrameRotations):
+    """A folder with the motion file of each picture (``unshutter rectify --sequence --save-motion``)."""
+
+    def __init__(self, folder: Path, clock: Clock):
+        self._folder = folder
+        self._clock = clock
+        self.readout_s = clock.readout_s
+
+    def motion(self, name: str, number: int) -> Motion:
+        """See FrameRotations; pictures without a file have no motion."""
+        path = PurePosixPath(name)
+        for file in (motion_name(path.stem), motion_name(path.name)):
+            target = self._folder / path.parent / file
+            if target.is_file():
+                return Motion.load(target)
+        raise MissingMotionError(f"no motion file {{file}} for {name}", file=self._folder / path.with_suffix(".json"))
+
+    def start_s(self, number: int) -> float:
+        """See FrameRotations."""
+        return number * self._clock.interval_s
+
+    def turn(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
+        """See FrameRotations."""
+        return None
+
+    def joined(self, first: int, last: int) -> bool:
+        """See FrameRotations."""
+        return (last - first) * self._clock.interval_s <= _LONGEST_S
+
+
+class MissingMotionError(UnshutterError):
+    """There is no motion file for a picture."""
+
+
+def rotations_from(source: Path, clock: Clock | None) -> FrameRotations:
+    """Opens the motion file of a clip, or the motion files in a folder, whose pictures follow a clock.
+
+    Raises:
+        UnshutterError: there are none; UsageError: a clock is missing, or not needed.
+    """
+    if source.is_dir():
+        if clock is None:
+            raise UsageError("motion files of pictures do not say when: give {--readout-ratio} and {--fps}")
+        if not any(source.rglob("*.json")):
+            raise UnshutterError("{folder} has no motion files (.json)", folder=source)
+        return PictureRotations(source, clock)
+    if clock is not None:
+        raise UsageError("the motion file of a clip says when: leave out {--readout-ratio} and {--fps}")
+    return ClipRotations(source)
+
+
+def frame_number(name: str, first: int) -> int:
+    """Returns the number of the frame that a picture shows, the last number in its name, counted from 0.
+
+    Raises:
+        UnshutterError: there is none.
+
+    Examples:
+        >>> frame_number("film/00012.png", first=1)
+        11
+    """
+    found = _NUMBER.search(PurePosixPath(name).stem)
+    if found is None:
+        raise UnshutterError(f"{name} has no number in its name: name frames by their number, as FFmpeg's %05d does")
+    return int(found[1]) - first
+
+
+def rotations_in_picture(motion: Motion, camera: PictureCamera) -> Float64[np.ndarray, "lines 3 3"] | Reason:
+    """Returns the camera's rotation from the first line to each line, in the order in which they were read.
+
+    A direction d in the camera's axes at the first line is R d at another one, with the axes of the stored picture.
+
+    Returns:
+        The rotations, or why they are unknown.
+
+    Raises:
+        UnshutterError: the motion is that of a picture of another shape.
+    """
+    lines, across = motion.readout.frame_size(camera.height, camera.width)
+    if isinstance(motion, RotationMotion):
+        fitted = motion.resized(lines, across).rereferenced("first")
+        return _in_picture(fitted.rotations, fitted.focal_px / camera.focal_px, motion.readout)
+    if motion.is_zero and (motion.reason is None or motion.reason.code in AT_REST):
+        return np.tile(np.eye(3), (lines, 1, 1))
+    return motion.reason or Reason.stated("its motion is not a rotation about three axes")
+
+
+def _in_picture(turns: Float64[np.ndarray, "*at 3"], moved: float, readout: Readout) -> Float64[np.ndarray, "*at 3 3"]:
+    """Returns rotations of the readout frame's axes as those of the stored picture's.
+
+    Args:
+        moved: focal length that the turns were found with, as a share of the model's; where it was wrong, turns about x
+            and y were, too, but not how far they move the picture.
+    """
+    quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    to_frame = np.linalg.matrix_power(quarter, readout.quarter_turns)
+    return to_frame.T @ rotation_matrix(turns * np.array([moved, moved, 1.0])) @ to_frame

@@ -1,0 +1,236 @@
+"""The camera's poses at rows: those of a COLMAP model, the motion within each picture, and its neighbours' positions.
+
+Convention: a pose is the matrix [4, 4] from the world to the camera's axes (x to the right, y down, z into the scene,
+as in OpenCV and COLMAP). COLMAP finds one for each picture, P_m, which is that of the row m that the picture shows: the
+reference row of a straightened one, and about the middle row of any other. With R(v), the rotation from row m to row v,
+and c(t), the camera's position at a time, the pose of row v is
+
+    P(v) = [R(v) R_m | -R(v) R_m c(t_v)]
+
+c is the parabola through the positions of the picture and its neighbours. To the tracks of a film, a camera that moves
+sideways looks as if it turned; the poses of the neighbours show how far it turned, and the rest is taken off.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.motion.rotations import rotation_matrix, rotation_vector
+from unshutter.motion.shapes import Float64
+from unshutter.options import Reference, check_ratio, option
+from unshutter.options.fields import check_values, implemented_by
+from unshutter.orientation import Readout
+from unshutter.poses.camera_poses import CameraPoses, PicturePoses
+from unshutter.poses.colmap import ColmapPicture, read_model
+from unshutter.poses.frame_rotations import (
+    Clock,
+    FrameRotations,
+    MissingMotionError,
+    PictureCamera,
+    frame_number,
+    rotations_from,
+    rotations_in_picture,
+)
+from unshutter.reasons import Reason
+
+SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}  # of the lines
+_MOST_ROWS = 1001
+
+
+@dataclass(frozen=True)
+class PoseOptions:
+    """How the poses are found."""
+
+    reference: Reference = option(
+        "middle",
+        "Row whose pose the model has: that of `rectify --reference` for straightened pictures, middle for others. "
+        "Default: middle.",
+    )
+    readout_ratio: float | None = option(
+        None, "Readout time of a frame divided by the time between frames, if there is a motion file for each picture."
+    )
+    fps: float | None = option(None, "Frames per second of the film, likewise.", metavar="N")
+    first_number: int = option(0, "Number in the name of the film's first frame. Default: 0.")
+    rows: int = option(17, f"Rows per picture in the table, 2 to {_MOST_ROWS}. Default: 17.", limits=(2, _MOST_ROWS))
+
+    def __post_init__(self) -> None:
+        check_values(self)
+        check_ratio(self.readout_ratio)
+        if (self.readout_ratio is None) != (self.fps is None):
+            raise UsageError("give both {--readout-ratio} and {--fps}, or neither")
+        if self.fps is not None and not 0 < self.fps < 1e6:
+            raise UsageError(f"{{--fps}} must be above 0, got {self.fps:g}")
+
+    @property
+    def clock(self) -> Clock | None:
+        """The stated clock of the film; None if it was not stated."""
+        if self.fps is None or self.readout_ratio is None:
+            return None
+        return Clock(1 / self.fps, self.readout_ratio / self.fps)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A picture of the model as a frame of the film."""
+
+    picture: ColmapPicture
+    number: int  # of the frame, from 0
+    readout: Readout
+    rotations: Float64[np.ndarray, "lines 3 3"]  # from the reference line to each, in the order in which they were read
+    lines: Float64[np.ndarray, "lines"]  # stored row or column of each
+    times_s: Float64[np.ndarray, "lines"]  # when each was read
+    moment_s: float  # when the reference line was read
+
+    @property
+    def camera(self) -> PictureCamera:
+        """Size and focal length."""
+        camera = self.picture.camera
+        return PictureCamera(camera.height, camera.width, camera.focal_px[0])
+
+    @property
+    def rotation(self) -> Float64[np.ndarray, "3 3"]:
+        """From the world to the camera's axes at the reference line."""
+        return self.picture.world_to_camera[:3, :3]
+
+    @property
+    def position(self) -> Float64[np.ndarray, "3"]:
+        """The camera's position in the world then."""
+        return -self.rotation.T @ self.picture.world_to_camera[:3, 3]
+
+    @property
+    def from_middle(self) -> Float64[np.ndarray, "3 3"]:
+        """From the camera's axes at the middle line to those at the reference line."""
+        return self.rotations[len(self.rotations) // 2].T
+
+
+def find_poses(colmap: str | Path, motions: str | Path, options: PoseOptions) -> CameraPoses:
+    """Does what :func:`camera_poses` does, with the options in one value."""
+    pictures = read_model(Path(colmap))
+    source = rotations_from(Path(motions), options.clock)
+    frames: list[_Frame] = []
+    left_out: Counter[str] = Counter()
+    for picture in pictures:
+        found = _frame_of(picture, source, options)
+        if isinstance(found, _Frame):
+            frames.append(found)
+        else:
+            left_out[found] += 1
+    if not frames:
+        reason, count = left_out.most_common(1)[0]
+        raise UnshutterError(f"no picture of {{model}} has a motion ({count}: {reason})", model=colmap)
+    frames.sort(key=lambda frame: frame.number)
+    found = [
+        _poses_of(frames, k, source, np.linspace(0, len(frame.lines) - 1, options.rows))
+        for k, frame in enumerate(frames)
+    ]
+    return CameraPoses(sorted(found, key=lambda poses: poses.picture.name), left_out, source.readout_s)
+
+
+@implemented_by(find_poses, options=PoseOptions)
+def camera_poses(
+    colmap: str | Path,
+    motions: str | Path,
+    *,
+    reference: Reference = "middle",
+    readout_ratio: float | None = None,
+    fps: float | None = None,
+    first_number: int = 0,
+    rows: int = 17,
+) -> CameraPoses:
+    """Finds the camera's pose at each row of the pictures of a COLMAP model.
+
+    Args:
+        colmap: folder of the model, binary or text, usually ``sparse/0``.
+        motions: motion file of the clip that the pictures are frames of (``unshutter video --save-motion``), or a
+            folder with a motion file for each (``unshutter rectify --sequence --save-motion``).
+
+    Returns:
+        The poses of all pictures whose motion is known.
+
+    Raises:
+        UnshutterError: the model or a motion cannot be used; UsageError: options that do not go together.
+
+    Examples:
+        >>> poses = unshutter.camera_poses("sparse/0", "motions.json")  # doctest: +SKIP
+        >>> poses.pictures[0].at(1.0) - poses.pictures[0].at(0.0)  # doctest: +SKIP
+    """
+    ...
+
+
+def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptions) -> _Frame | str:
+    """Returns a picture as a frame of the film, or why its motion is unknown."""
+    number = frame_number(picture.name, options.first_number)
+    camera = picture.camera
+    try:
+        motion = source.motion(picture.name, number)
+    except MissingMotionError:
+        return "no motion file"
+    try:
+        rotations = rotations_in_picture(motion, PictureCamera(camera.height, camera.width, camera.focal_px[0]))
+    except UnshutterError as error:
+        advice = "extract frames as they are stored (ffmpeg -noautorotate)"
+        raise UnshutterError(f"{picture.name} of {camera.width}x{camera.height} px: {error}; {advice}") from None
+    if isinstance(rotations, Reason):
+        return str(rotations)
+    count = len(rotations)
+    order = np.arange(count, dtype=np.float64)
+    is_reversed = motion.readout in (Readout.BOTTOM_TO_TOP, Readout.RIGHT_TO_LEFT)
+    share = SHARES[options.reference]
+    reference = rotations[round(share * (count - 1))]
+    start = source.start_s(number)
+    return _Frame(
+        picture=picture,
+        number=number,
+        readout=motion.readout,
+        rotations=rotations @ reference.T,
+        lines=order[::-1] if is_reversed else order,
+        times_s=start + source.readout_s * order / count,
+        moment_s=start + source.readout_s * share * (count - 1) / count,
+    )
+
+
+def _poses_of(frames: list[_Frame], k: int, source: FrameRotations, at: Float64[np.ndarray, "rows"]) -> PicturePoses:
+    """Returns the poses of a frame at lines, counted from the first that was read."""
+    frame = frames[k]
+    others = [frames[j] for j in (k - 1, k + 1) if 0 <= j < len(frames)]
+    near = [other for other in others if source.joined(*sorted((frame.number, other.number)))]
+    near = [other for other in near if other.number != frame.number]
+    lines = np.rint(at).astype(int)
+    since_s = frame.times_s[lines] - frame.moment_s
+    excess = _apparent_turn(frame, near, source)
+    rotations = rotation_matrix(-since_s[:, None] * excess) @ frame.rotations[lines] @ frame.rotation
+    positions = frame.position + _moved(frame, near, since_s)
+    poses = np.tile(np.eye(4), (len(at), 1, 1))
+    poses[:, :3, :3] = rotations
+    poses[:, :3, 3] = -np.einsum("nij,nj->ni", rotations, positions)
+    return PicturePoses(frame.picture, frame.readout, frame.lines[lines], frame.times_s[lines], poses, bool(near))
+
+
+def _moved(frame: _Frame, near: list[_Frame], since_s: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
+    """Returns how far the camera moved since the reference line, along the curve through its neighbours' positions."""
+    if not near:
+        return np.zeros((len(since_s), 3))
+    times = np.array([other.moment_s - frame.moment_s for other in near])
+    ways = np.array([other.position - frame.position for other in near])
+    powers = np.arange(1, len(near) + 1)
+    coefficients = np.linalg.solve(times[:, None] ** powers, ways)
+    return since_s[:, None] ** powers @ coefficients
+
+
+def _apparent_turn(frame: _Frame, near: list[_Frame], source: FrameRotations) -> Float64[np.ndarray, "3"]:
+    """Returns the rate [rad/s] at which the motions turn faster than the model's poses; zero if that is unknown."""
+    rates: list[np.ndarray] = []
+    for other in near:
+        first, last = sorted((frame, other), key=lambda each: each.number)
+        turn = source.turn(first.number, last.number, frame.camera)
+        if turn is None:
+            return np.zeros(3)
+        tracked = last.from_middle @ turn @ first.from_middle.T
+        posed = last.rotation @ first.rotation.T
+        rates.append(rotation_vector(tracked @ posed.T) / (last.moment_s - first.moment_s))
+    return np.mean(rates, axis=0) if rates else np.zeros(3)
