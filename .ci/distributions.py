@@ -17,9 +17,12 @@ from collections import Counter
 from email.parser import Parser
 from pathlib import Path, PurePosixPath
 
-LARGEST = 3_000_000  # bytes of the product's wheel
-WEIGHTS = {  # free: trained and measured for unshutter, on drawn scenes
+LARGEST = 6_000_000  # bytes of the product's wheel
+WEIGHTS = {  # free: trained and measured for unshutter, on drawn scenes and free pictures
     "calibration.json",
+    "kandula2020.log.csv",
+    "kandula2020.md",
+    "kandula2020.onnx",
     "scores.json",
     "segment-transformer.log.csv",
     "segment-transformer.md",
@@ -42,8 +45,8 @@ def product_problems(wheel: zipfile.ZipFile) -> list[str]:
     problems = [f"unexpected weights: {name}" for name in sorted(weights ^ WEIGHTS)]
     for name in names:
         place = PurePosixPath(name)
-        if place.suffix in TRAINED and place.name not in WEIGHTS:
-            problems.append(f"a network that is not the default's: {name}")
+        if _is_network_of_lab(place):
+            problems.append(f"a network that is not the product's: {name}")
         if place.parts[0] != "unshutter" and not re.match(r"unshutter-[^/]+\.(dist-info|data)/", name):
             problems.append(f"not of the product: {name}")
         if place.suffix == ".py" and (imported := imports(wheel.read(name).decode()) & RESEARCH):
@@ -91,11 +94,15 @@ def source_problems(names: list[str], is_product: bool) -> list[str]:
     """What is wrong with the files of a source distribution, named without its folder."""
     problems = [] if "LICENSE" in names else ["no LICENSE"]
     if is_product:
-        foreign = [name for name in names if name.startswith("lab/") or PurePosixPath(name).suffix == ".onnx"]
+        foreign = [name for name in names if name.startswith("lab/") or _is_network_of_lab(PurePosixPath(name))]
         problems += [f"of the laboratory: {name}" for name in foreign]
     elif "src/unshutter_lab/weights/LICENSE.md" not in names:
         problems.append("no terms of the networks")
     return problems
+
+
+def _is_network_of_lab(path: PurePosixPath) -> bool:
+    return path.suffix in TRAINED and path.name not in WEIGHTS
 
 
 def imports(code: str) -> set[str]:

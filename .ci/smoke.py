@@ -23,7 +23,7 @@ FOLDERS = ["holiday", "frames"]
 # command of unshutter-lab -> what its message names
 FROM_THE_LAB = {
     "train --config segment-transformer": "'train'",
-    "rectify street.jpg --estimator kandula2020": "'kandula2020'",
+    "rectify street.jpg --estimator kandula2020-research": "'kandula2020-research'",
 }
 NOT_FOR_A_PHOTO = {"serve": "waits for a browser", "video": "needs a clip"}
 

@@ -15,13 +15,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-OURS = ("kandula2020", "rengarajan2017", "rengarajan2017-vanilla", "rengarajan2016", "purkait2017", "lao2018")
+OURS = ("kandula2020-research", "rengarajan2017", "rengarajan2017-vanilla", "rengarajan2016", "purkait2017", "lao2018")
 # command -> what its output or a file that it writes shows
 COMMANDS = {
     "unshutter models": None,
     "unshutter synthesize street.jpg -o pairs --size 128 --canvas 178": "pairs/manifest.json",
-    "unshutter evaluate --data photos --estimators none,kandula2020 --per-photo 1 --jobs 1 -o out": "out/results.md",
-    "unshutter rectify street.jpg --estimator kandula2020 --min-confidence 0 -o paper.jpg": "paper.jpg",
+    "unshutter evaluate --data photos --estimators none,kandula2020-research --per-photo 1 --jobs 1 -o out": "out/results.md",
+    "unshutter rectify street.jpg --estimator kandula2020-research --min-confidence 0 -o paper.jpg": "paper.jpg",
     "unshutter train --help": None,
     "unshutter calibrate --help": None,
 }

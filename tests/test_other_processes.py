@@ -31,7 +31,9 @@ def test_results_and_photos_can_be_pickled(ending: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(in_memory.pixels, result.original.pixels)
 
 
-@pytest.mark.parametrize("name", ["segment-manhattan", "segment-transformer", "kandula2020", "manhattan", "none"])
+@pytest.mark.parametrize(
+    "name", ["segment-manhattan", "segment-transformer", "kandula2020", "kandula2020-research", "manhattan", "none"]
+)
 def test_estimators_can_be_pickled_before_and_after_use(name: str, rolling_facade: np.ndarray) -> None:
     estimator = unshutter.load(name)
     expected = unshutter.estimate(rolling_facade, estimator=estimator)

@@ -23,7 +23,7 @@ TOKEN = "test-token"
 
 LIVES_ON = """
 import sys, time, unshutter
-for estimator in ("segment-manhattan", "kandula2020"):
+for estimator in ("segment-manhattan", "kandula2020", "kandula2020-research"):
     unshutter.rectify(sys.argv[1], estimator=estimator)
 time.sleep(float(sys.argv[2]))
 """

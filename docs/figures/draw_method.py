@@ -1,7 +1,7 @@
 """Draws the figures of docs/research/method.md: ``python docs/figures/draw_method.py`` (extras ``plot`` and ``train``).
 
 Every picture and curve is a tensor. A photo of examples/ is distorted as training pictures are, so that the true motion
-is known. It goes through the shipped kandula2020, whose inner tensors are read from the ONNX graph, and through the
+is known. It goes through kandula2020-research, whose inner tensors are read from the ONNX graph, and through the
 code that the network was trained with (learn/kandula2020).
 """
 
@@ -33,7 +33,7 @@ from unshutter_lab.training.pixels import pixel_grid, rs_positions, synthesise
 HERE = Path(__file__).parent
 PHOTO = HERE.parent.parent / "examples" / "original" / "basilica.webp"
 CANVAS, SEED = 356, 0  # px of the window that is distorted; of the motion that distorts it
-WEIGHTS = HERE.parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
+WEIGHTS = HERE.parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020-research.onnx"
 BASE, RAW, COARSE = (  # tensors inside the graph, by the names that the export gave them
     "/network/motion_block/base/base.5/MaxPool_output_0",
     "/network/motion_block/Concat_output_0",

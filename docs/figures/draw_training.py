@@ -1,4 +1,4 @@
-"""Draws docs/figures/training.svg from the log of the shipped kandula2020: ``python docs/figures/draw_training.py``.
+"""Draws docs/figures/training.svg from the log of kandula2020-research: ``python docs/figures/draw_training.py``.
 
 Needs the extra ``plot``. Another log can be named: ``python docs/figures/draw_training.py runs/NAME/log.csv``.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 HERE = Path(__file__).parent
-LOG = HERE.parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020.log.csv"
+LOG = HERE.parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020-research.log.csv"
 BATCH = 32  # samples of a step
 CURVES = {  # column of the log -> (panel, label, colour)
     "val_epe_median": (0, "photos held out", "#c62828"),

@@ -1,4 +1,4 @@
-"""What the row block of kandula2020 has learned: its residual beside that of the true motion.
+"""What the row block of kandula2020-research has learned: its residual beside that of the true motion.
 
     python lab/benchmarks/bench_row_map.py PHOTOS [NETWORK]
 
@@ -21,7 +21,7 @@ from unshutter_lab.methods.onnx import onnx_runtime
 from unshutter_lab.training.motions import draw_motions
 from unshutter_lab.training.pixels import load_photos, pixel_grid, rs_positions, synthesise
 
-WEIGHTS = Path(__file__).parents[1] / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
+WEIGHTS = Path(__file__).parents[1] / "src" / "unshutter_lab" / "weights" / "kandula2020-research.onnx"
 CANVAS = 356
 
 

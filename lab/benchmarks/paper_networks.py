@@ -24,6 +24,7 @@ DOCS = Path("docs/results")
 PAGE = DOCS / "paper-networks.md"  # written by hand up to its first heading of a table, which is kept
 WHOLE = "whole"  # the row that others are compared with
 NAMES = {"kandula2020-cpu-long-pictures": WHOLE, "kandula2020-": ""}  # of networks -> of rows
+RESEARCH = "kandula2020-research"  # it runs networks with a row block
 DRAWS = 4000  # of photos and seeds, for an interval
 
 
@@ -66,7 +67,7 @@ def main() -> None:
     parts = [PAGE.read_text().partition("\n## ")[0].strip()]
     for protocol, (title, folders, options, figure, middle, form) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(given.data / folder) for folder in folders)]
-        estimators = ["none", "kandula2020", *(f"kandula2020@{path}" for path in networks)]
+        estimators = ["none", RESEARCH, *(f"{RESEARCH}@{path}" for path in networks)]
         words += [*options, "--estimators", ",".join(estimators)]
         output = Path("build", "paper-networks", protocol)
         command = [sys.executable, "-m", "unshutter", *words, "-o", str(output), "--jobs", given.jobs, "--overwrite"]
@@ -80,9 +81,9 @@ def main() -> None:
 def table(results: Results, networks: list[Path], figure: Figure, middle: Callable[..., Any], form: str) -> str:
     """A row for each network: its figures, means of the seeds, and its difference from the whole network."""
     folders = results.distinct("group")
-    rows: dict[str, list[str]] = {name: [name] for name in ("none", "kandula2020")}
+    rows: dict[str, list[str]] = {name: [name] for name in ("none", RESEARCH)}
     for path in networks:
-        rows.setdefault(row_name(path.parent.name), []).append(f"kandula2020@{path}")
+        rows.setdefault(row_name(path.parent.name), []).append(f"{RESEARCH}@{path}")
     values = {row: [[figure(results, n, folder) for folder in folders] for n in seeds] for row, seeds in rows.items()}
     lines = ["| | " + " | ".join([*folders, "mean", "difference from whole"]) + " |", "|---" * (len(folders) + 3) + "|"]
     for row, seeds in values.items():

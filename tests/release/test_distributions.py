@@ -56,7 +56,7 @@ def test_a_wheel_as_it_should_be_passes(distributions: ModuleType, tmp_path: Pat
 @pytest.mark.parametrize(
     ("name", "text", "problem"),
     [
-        ("unshutter/weights/kandula2020.onnx", "", "unexpected weights"),
+        ("unshutter/weights/kandula2020-research.onnx", "", "unexpected weights"),
         ("unshutter/serve/own.npz", "", "a network"),
         ("unshutter/frames/a.py", "def f():\n    from torch import nn\n", "imports torch"),
         ("unshutter/frames/a.py", "import unshutter_lab.synthesis\n", "imports unshutter_lab"),

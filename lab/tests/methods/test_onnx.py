@@ -55,14 +55,14 @@ def crash_at_running(helper, types) -> list:
     ]
 
 
-@pytest.mark.parametrize("name", ["kandula2020", "rengarajan2017"])
+@pytest.mark.parametrize("name", ["kandula2020-research", "rengarajan2017"])
 def test_weights_that_are_none_are_told_in_one_line(
     name: str, tmp_path: Path, rolling_facade: np.ndarray, capsys: pytest.CaptureFixture[str]
 ) -> None:
     photo, text = tmp_path / "photo.png", tmp_path / "text.onnx"
     Photo.from_array(rolling_facade).save(photo)
     text.write_text("no network")
-    other = method("rengarajan2017" if name == "kandula2020" else "kandula2020").weights
+    other = method("rengarajan2017" if name == "kandula2020-research" else "kandula2020-research").weights
     for command in (["rectify", str(photo), "-o", str(tmp_path / "out.png")], ["estimate", str(photo)]):
         for weights, told in ((text, "PROTOBUF"), (other, "they are not")):
             assert main([*command, "--estimator", f"{name}@{weights}"]) == 1
@@ -143,7 +143,7 @@ def test_a_file_of_another_network_is_told_in_one_line(
 @pytest.mark.parametrize("nodes", [endless, slow])
 def test_a_network_without_an_end_is_ended_at_the_limit(nodes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     weights = made(tmp_path / "long.onnx", nodes, square_only)
-    monkeypatch.setattr("unshutter_lab.methods.onnx.LONGEST_RUN_S", 1.0)
+    monkeypatch.setattr("unshutter.single.own_process.LONGEST_RUN_S", 1.0)
     start = time.monotonic()
     with pytest.raises(UnshutterError, match=r"it took longer than 1 s"):
         unshutter.load(f"rengarajan2017@{weights}")
@@ -183,7 +183,7 @@ def test_a_network_with_an_endless_answer_is_ended_at_the_limit(tmp_path: Path) 
 
 def test_weights_of_the_laboratory_itself_are_run() -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (80, 90, 3), dtype=np.uint8)
-    for name in ("rengarajan2017", "rengarajan2017-vanilla", "kandula2020"):
+    for name in ("rengarajan2017", "rengarajan2017-vanilla", "kandula2020-research"):
         assert unshutter.estimate(pixels, estimator=name).estimator == name
 
 

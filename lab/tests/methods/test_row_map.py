@@ -23,7 +23,9 @@ COL, ROW = np.meshgrid(np.arange(0, 80, 7.0), np.arange(0, 60, 7.0))
 
 def motion(*row_map, **common) -> RowMapMotion:
     plain = RowMotion.from_polynomials([0, 12, -5], [0, 0.08], 60, 80)
-    return RowMapMotion(80, plain.tx_px, plain.rz_rad, *(row_map or ROW_MAP), **{"estimator": "kandula2020", **common})
+    return RowMapMotion(
+        80, plain.tx_px, plain.rz_rad, *(row_map or ROW_MAP), **{"estimator": "kandula2020-research", **common}
+    )
 
 
 def test_with_the_true_rows_eq_1_is_the_exact_inverse() -> None:

@@ -8,10 +8,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="training needs torch")
 
-import unshutter_lab
 from unshutter import UnshutterError, UsageError
 from unshutter.photo import Photo
 from unshutter.single.network import read_weights
+from unshutter.single.register import load, method
 from unshutter_lab.training import recipes
 from unshutter_lab.training.config import TrainConfig, load_config, shipped_configs
 from unshutter_lab.training.train import run
@@ -349,8 +349,11 @@ def test_own_photos_begin_with_the_shipped_weights(tmp_path: Path, monkeypatch: 
         Photo.from_array(noise).save(tmp_path / "photos" / f"{k}.png")
     config = tmp_path / "few.toml"
     config.write_text('base = "own-photos"\nsteps = 1\nbatch = 1\n[data]\ndrawn = 1\nheld_out = 1\n')
-    run(config, tmp_path, photos=tmp_path / "photos")
-    shipped = exported_weights(Path(unshutter_lab.__file__).parent / "weights" / "kandula2020.onnx")
+    folder = run(config, tmp_path, photos=tmp_path / "photos")
+    assert load(f"kandula2020@{folder / 'model.onnx'}").name == "kandula2020"
+    start = method("kandula2020").weights
+    assert start is not None
+    shipped = exported_weights(start)
     biases = {name: value for name, value in shipped.items() if name.endswith(".bias")}
     begun = weights(tmp_path / "few")
     near = [

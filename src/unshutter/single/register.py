@@ -60,6 +60,14 @@ METHODS = (
         scores=_SCORES,
     ),
     Method(
+        "kandula2020",
+        "the paper's network on the central square of the photo -> row motion; always an answer, without a confidence",
+        "unshutter.single.row_network:Kandula2020",
+        weights=_WEIGHTS / "kandula2020.onnx",
+        takes_weights=True,
+        scores=_SCORES,
+    ),
+    Method(
         "none",
         "leaves photos unchanged: the baseline of every table",
         "unshutter.single.methods:DoNothing",

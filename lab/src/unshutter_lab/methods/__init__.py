@@ -7,11 +7,11 @@ from unshutter.single import Method
 _WEIGHTS = Path(__file__).parents[1] / "weights"
 _SCORES = _WEIGHTS / "scores.json"  # written with docs/results, never by hand
 
-KANDULA2020 = Method(
-    "kandula2020",
-    "the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block",
-    "unshutter_lab.methods.networks:Kandula2020",
-    weights=_WEIGHTS / "kandula2020.onnx",
+KANDULA2020_RESEARCH = Method(
+    "kandula2020-research",
+    "the paper's network with its row block, trained on photos that are not free (ONNX) -> row motion and row map",
+    "unshutter_lab.methods.networks:Kandula2020Research",
+    weights=_WEIGHTS / "kandula2020-research.onnx",
     takes_weights=True,
     scores=_SCORES,
 )

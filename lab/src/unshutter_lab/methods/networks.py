@@ -1,58 +1,18 @@
-"""kandula2020 and rengarajan2017: exported networks (ONNX) on the central square of 256 px -> the photo's motion.
+"""Exported networks (ONNX) on the central square of 256 px -> the photo's motion: rengarajan2017, and kandula2020-research.
 
-Rows beyond the square (tall photos) get the motion extrapolated by the last slope, columns beyond it (wide photos) the
-row map's residual at its border. Trained by ``unshutter_lab.training``; the model cards next to the weights describe
-how, and how they were compressed.
+The latter's row map continues beyond the square (wide photos) with its residual at the border. Trained by
+``unshutter_lab.training``; the model cards next to the weights describe how, and how they were compressed.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from unshutter.motion import Motion, RowMotion
+from unshutter.motion import Motion
 from unshutter.single.estimator import Estimator, View
+from unshutter.single.row_network import SIZE, as_input, corner_of, motion_of_square, side_of, square_of
 from unshutter_lab.methods.onnx import run_network
 from unshutter_lab.methods.row_map import RowMapMotion
-
-SIZE = 256  # px of the square
-
-
-def square_of(view: View) -> np.ndarray:
-    """Returns the largest central square of the readout frame: float32 [1, 3, 256, 256], RGB in 0 ... 1."""
-    import cv2
-
-    pixels = view.readout.turn(view.photo.to_array())
-    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-    side, (left, top) = side_of(view), corner_of(view)
-    pixels = np.ascontiguousarray(pixels[top : top + side, left : left + side, : 3 if pixels.shape[-1] > 2 else 1])
-    shrinks = side >= SIZE
-    small = cv2.resize(pixels, (SIZE, SIZE), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-    scaled = small.reshape(SIZE, SIZE, -1).astype(np.float32) / np.iinfo(pixels.dtype).max
-    return np.ascontiguousarray(np.broadcast_to(scaled, (SIZE, SIZE, 3)).transpose(2, 0, 1)[None])
-
-
-def motion_of_square(
-    view: View, rows: np.ndarray, samples: np.ndarray, estimator: str, degree: int | None = None
-) -> Motion:
-    """Returns the motion of the whole photo from samples [2, N] (t_x [px of 256], r_z [rad]) at rows [N] of its square.
-
-    A polynomial of the degree is fitted; None interpolates linearly.
-    """
-    scale = side_of(view) / SIZE
-    at = (rows + 0.5) * scale - 0.5 + corner_of(view)[1]
-    key_rows = at.tolist(), (samples[0] * scale).tolist(), samples[1].tolist()
-    common = {"readout": view.readout, "estimator": estimator}
-    return RowMotion.from_key_rows(*key_rows, view.height, view.width, degree, **common)
-
-
-def side_of(view: View) -> int:
-    """Number of rows and columns of the photo within the square [px]."""
-    return min(view.height, view.width)
-
-
-def corner_of(view: View) -> tuple[int, int]:
-    """(left, top) of the square in the photo [px]."""
-    return (view.width - side_of(view)) // 2, (view.height - side_of(view)) // 2
 
 
 class SquareNetwork(Estimator):
@@ -64,14 +24,15 @@ class SquareNetwork(Estimator):
     def prepare(self) -> None:
         """Runs a network of the user's once, since its file may be anything."""
         if self.weights != self.method.weights:
-            self.run(np.zeros((1, 3, SIZE, SIZE), np.float32))
+            self.run(np.zeros((SIZE, SIZE, 3), np.uint8))
 
     def run(self, square: np.ndarray) -> list[np.ndarray]:
-        """Returns the outputs for a picture."""
-        return [output[0] for output in run_network(self.name, self.weights, square, self.answer, *self.shapes)]
+        """Returns the outputs for a square."""
+        outputs = run_network(self.name, self.weights, as_input(square), self.answer, *self.shapes)
+        return [output[0] for output in outputs]
 
 
-class Kandula2020(SquareNetwork):
+class Kandula2020Research(SquareNetwork):
     """t_x [px of 256] and r_z [rad] of every row, and the row map, if the network has one."""
 
     answer, shapes = "motion", ((1, 2, SIZE), (1, SIZE, SIZE))

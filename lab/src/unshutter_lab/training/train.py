@@ -27,6 +27,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.single.register import method
 from unshutter.storage.locations import RunFiles
 from unshutter_lab.training.config import TrainConfig, find_config, load_config
 from unshutter_lab.training.pixels import photo_files
@@ -35,7 +36,6 @@ from unshutter_lab.training.recipes import make_recipe
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
 MODELS = ("model.npz", "model.onnx")  # of recipes (Recipe.model_file)
 PART = "checkpoint.part"  # next to a checkpoint while it is being written
-_SHIPPED = Path(__file__).parents[1] / "weights"
 
 
 def make_optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
@@ -96,7 +96,7 @@ def run(
     _check_outputs(folder, settings, [find_config(config), find_config(base) if base else None, start])
     is_new = not (folder / CHECKPOINT).exists()
     if is_new and start is None and settings.shipped:
-        start = _SHIPPED / f"{settings.shipped}.onnx"
+        start = method(settings.shipped).weights
     begun = f"a new run{f' from {start}' if start else ''}" if is_new else "the run continues"
     print(f"{folder}: {begun}; preparing the pictures", flush=True)
     trainer = Trainer(settings, folder, _device(device), start)

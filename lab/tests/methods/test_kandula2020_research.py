@@ -1,4 +1,4 @@
-"""kandula2020 on photos: what was trained is what runs, row map included."""
+"""kandula2020-research on photos: what was trained is what runs, row map included."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_the_estimator_runs_what_was_trained(exported):
         motion, row_map = network(torch.from_numpy(pixels)[None].float() / 255)
         expected = rs_positions(motion, row_map)
     estimator, view = (
-        load(f"kandula2020@{path}"),
+        load(f"kandula2020-research@{path}"),
         View(Photo.from_array(np.ascontiguousarray(pixels.transpose(1, 2, 0)))),
     )
     found = estimator.estimate(view)
@@ -69,7 +69,7 @@ def test_what_runs_is_the_row_map(exported):
     from unshutter.single.register import load
 
     estimator, pixels = (
-        load(f"kandula2020@{exported[1]}"),
+        load(f"kandula2020-research@{exported[1]}"),
         np.ascontiguousarray(draw_picture(300, 7).transpose(1, 2, 0)),
     )
     motion = unshutter.estimate(pixels, estimator=estimator)
@@ -87,7 +87,7 @@ def test_the_estimator_scales_to_the_photo(exported):
     from unshutter.single.estimator import View
     from unshutter.single.register import load
 
-    estimator = load(f"kandula2020@{exported[1]}")
+    estimator = load(f"kandula2020-research@{exported[1]}")
     small = np.ascontiguousarray(draw_picture(256, 7).transpose(1, 2, 0))
     large = np.pad(small.repeat(2, 0).repeat(2, 1), ((0, 0), (40, 40), (0, 0)))  # the square in the middle
     views = [View(Photo.from_array(p)) for p in (small, large)]
@@ -112,19 +112,19 @@ def test_the_estimator_takes_any_photo(exported, shape):
     from unshutter.single.register import load
 
     photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
-    found = load(f"kandula2020@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
+    found = load(f"kandula2020-research@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
     assert (found.height, found.width) == (shape[1], shape[0]) and found.readout == Readout.LEFT_TO_RIGHT
 
 
 def test_weights_of_ones_own(exported, tmp_path):
     from unshutter.single.register import load
 
-    assert load(f"kandula2020@{exported[1]}").name == "kandula2020"
+    assert load(f"kandula2020-research@{exported[1]}").name == "kandula2020-research"
     with pytest.raises(UnshutterError, match="no such file"):
-        load("kandula2020@none.onnx")
+        load("kandula2020-research@none.onnx")
     (tmp_path / "text.onnx").write_text("no network")
     with pytest.raises(UnshutterError, match="cannot use the weights"):
-        load(f"kandula2020@{tmp_path / 'text.onnx'}")
+        load(f"kandula2020-research@{tmp_path / 'text.onnx'}")
     with pytest.raises(UsageError, match="accepts no other weights"):
         load(f"none@{exported[1]}")
     with pytest.raises(UsageError, match="unknown estimator"):
