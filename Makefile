@@ -34,8 +34,8 @@ demo: $(NEWEST)/core  ## rectify the photo that the repository ships, with what 
 	$(NEWEST)/bin/unshutter rectify src/unshutter/page/web/sample.jpg -o examples/demo.rectified.jpg --overwrite
 	@echo "Look at src/unshutter/page/web/sample.jpg and examples/demo.rectified.jpg"
 
-paper: $(ENV)/dev  ## the same photo by the network of the paper that unshutter implements
-	$(BIN)/unshutter rectify examples/demo.jpg --estimator kandula2020 -o examples/demo.paper.jpg --overwrite --edges crop \
+paper: $(NEWEST)/core  ## the same photo by the network of the paper that unshutter implements
+	$(NEWEST)/bin/unshutter rectify examples/demo.jpg --estimator kandula2020 -o examples/demo.paper.jpg --overwrite --edges crop \
 	  --preview examples/demo.paper.preview.jpg
 	@echo "Look at examples/demo.paper.preview.jpg: before and after, side by side"
 

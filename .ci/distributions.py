@@ -20,6 +20,7 @@ from pathlib import Path, PurePosixPath
 LARGEST = 6_000_000  # bytes of the product's wheel
 WEIGHTS = {  # free: trained and measured for unshutter, on drawn scenes and free pictures
     "calibration.json",
+    "kandula2020.credits.csv",
     "kandula2020.log.csv",
     "kandula2020.md",
     "kandula2020.onnx",

@@ -20,7 +20,7 @@ OURS = ("kandula2020-research", "rengarajan2017", "rengarajan2017-vanilla", "ren
 COMMANDS = {
     "unshutter models": None,
     "unshutter synthesize street.jpg -o pairs --size 128 --canvas 178": "pairs/manifest.json",
-    "unshutter evaluate --data photos --estimators none,kandula2020-research --per-photo 1 --jobs 1 -o out": "out/results.md",
+    "unshutter evaluate --data photos --estimators kandula2020-research --per-photo 1 -o out": "out/results.md",
     "unshutter rectify street.jpg --estimator kandula2020-research --min-confidence 0 -o paper.jpg": "paper.jpg",
     "unshutter train --help": None,
     "unshutter calibrate --help": None,

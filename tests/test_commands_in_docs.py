@@ -58,9 +58,10 @@ SKIPPED = {
     "unshutter synthesize house.jpg -o film/": "needs a recorded trajectory: lab/tests/synthesis",
     "unshutter video ride.mp4": "needs the calibration of a lens: tests/video/test_lenses.py writes some",
     "unshutter rectify street.jpg --estimator kandula2020@runs": "needs a trained network",
+    "unshutter rectify street.jpg --estimator kandula2020-research@runs": "needs a trained network",
 }
 _EXTRAS = {".exr": "OpenEXR", "--plot": "matplotlib", " video ": "av", ".HEIC": "pi_heif", ".NEF": "rawpy"}
-_OF_LAB = ("synthesize", "train", "evaluate", "calibrate", "kandula2020")
+_OF_LAB = ("synthesize", "train", "evaluate", "calibrate", "kandula2020-research")
 
 
 def commands(page: Path) -> Iterator[str]:

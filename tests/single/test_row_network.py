@@ -201,5 +201,5 @@ def test_files_that_are_damaged_are_refused_in_one_line(
 def test_weights_that_are_gone_are_told_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(UnshutterError, match="needs the weights"):
         RowNetwork("kandula2020", None).open()
-    with pytest.raises(UnshutterError, match="cannot read the weights .*gone.onnx: No such file"):
+    with pytest.raises(UnshutterError, match=r"cannot read the weights .*gone\.onnx: No such file"):
         RowNetwork("kandula2020", tmp_path / "gone.onnx").open()

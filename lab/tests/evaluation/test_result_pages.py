@@ -29,7 +29,8 @@ def results_py(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
 def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path: Path) -> None:
     for name, protocol in (("synthetic", "synthetic"), ("undistorted", "undistorted")):
         request = Request(protocol, (Path("photos/houses"),))
-        results = Results(request, ["none", "kandula2020"], [], [record("none", 4.0), record("kandula2020", 1.25)])
+        records = [record("none", 4.0), record("kandula2020-research", 1.25)]
+        results = Results(request, ["none", "kandula2020-research"], [], records)
         (tmp_path / "build" / "results" / name).mkdir(parents=True)
         (tmp_path / "build" / "results" / name / "results.json").write_text(results.to_json())
     docs = tmp_path / "docs" / "results"
@@ -43,8 +44,8 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     done = results_py("--pages-only", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
-    assert "| kandula2020 | **1.25**, **100%** |" in page and "(synthetic.csv)" in page
-    assert "256 px,houses,kandula2020,1,1.25," in (docs / "synthetic.csv").read_text()
+    assert "| kandula2020-research | **1.25**, **100%** |" in page and "(synthetic.csv)" in page
+    assert "256 px,houses,kandula2020-research,1,1.25," in (docs / "synthetic.csv").read_text()
     assert "(reading.md)" in index and not (docs / "old.md").exists()
     assert (docs / "reading.md").read_text() == "## By hand\n\nKept.\n"
     assert "unshutter evaluate --protocol synthetic --data photos/houses" in page
@@ -53,7 +54,7 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     assert (docs / "synthetic-epe.png").exists()
     assert not (docs / "confidence.md").exists() and "confidence.md" not in index  # nobody stated any
     ours, of_lab = (json.loads((folder / "scores.json").read_text()) for folder in weights)
-    assert of_lab == {"kandula2020": {"houses": {"epe_median": 1.25, "improved": 1.0}}}
+    assert of_lab == {"kandula2020-research": {"houses": {"epe_median": 1.25, "improved": 1.0}}}
     assert ours.keys() == {"none"} and ours["none"]["houses"]["improved"] == 0.0
 
 
@@ -120,7 +121,7 @@ def test_the_summary_answers_only_what_was_measured(tmp_path: Path, monkeypatch:
     assert len(lines) == 1 and lines[0].startswith("| [Under recorded") and lines[0].endswith(cells)
 
 
-FIGURES = {"none": 4.0, "segment-manhattan": 2.0, "manhattan": 1.5, "kandula2020": 3.0, "ceiling": 0.1}
+FIGURES = {"none": 4.0, "segment-manhattan": 2.0, "manhattan": 1.5, "kandula2020-research": 3.0, "ceiling": 0.1}
 
 
 def test_the_summary_is_that_of_the_files_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:

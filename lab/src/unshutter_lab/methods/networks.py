@@ -1,6 +1,6 @@
-"""Exported networks (ONNX) on the central square of 256 px -> the photo's motion: rengarajan2017, and kandula2020-research.
+"""kandula2020-research and rengarajan2017: exported networks (ONNX) on the central square of 256 px -> the motion.
 
-The latter's row map continues beyond the square (wide photos) with its residual at the border. Trained by
+The row map continues beyond the square (wide photos) with its residual at the border. Trained by
 ``unshutter_lab.training``; the model cards next to the weights describe how, and how they were compressed.
 """
 
