@@ -222,7 +222,8 @@ def test_usage_that_is_wrong_says_what_is_right(
 def test_estimate_prints_a_line_or_json(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["estimate", str(photo)]) == 0
     told = capsys.readouterr()
-    line = rf"{re.escape(str(photo))}: [a-z ]+, up to \d+ px, confidence 0\.\d\d: \w+, typically off by [\d.]+ px.*\n"
+    sure = r"confidence 0\.\d\d: \w+, typically off by [\d.]+ px"
+    line = rf"{re.escape(str(photo))}: [a-z ]+, points moved by up to \d+ px, {sure}.*\n"
     assert re.fullmatch(line, told.out) and not told.err
     assert main(["estimate", str(photo), "-o", str(photo.with_name("m.json"))]) == 0
     written = capsys.readouterr()

@@ -48,7 +48,7 @@ def test_a_photo_goes_through_as_it_goes_through_files(photo: Path, piped) -> No
         code, out, told = piped(data, *words)
         assert (code, out) == (0, expected)
         start = "standard input" if "-" in words[:2] else str(photo)
-        assert told.startswith(f"{start} -> standard output (up to ") and told.count("\n") == 1
+        assert told.startswith(f"{start} -> standard output (points moved by up to ") and told.count("\n") == 1
     assert piped(data, "rectify", "-", "-o", photo.with_name("other.jpg"))[1] == b""
     assert photo.with_name("other.jpg").read_bytes() == expected
     assert photo.read_bytes() == data

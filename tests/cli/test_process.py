@@ -40,7 +40,7 @@ def test_the_program_ends_with_what_was_said_and_done(photo: Path) -> None:
     done = subprocess.run([*program, "rectify", str(photo)], capture_output=True, text=True, check=True)
     told = re.escape(f"{photo} -> {photo.with_name('street.rectified.jpg')}")
     sure = r"confidence 0\.\d\d: \w+, typically off by [\d.]+ px(, please look)?"
-    assert re.fullmatch(rf"{told} \(up to \d+ px, {sure}; cropped to \d\d %\)\n", done.stderr)
+    assert re.fullmatch(rf"{told} \(points moved by up to \d+ px, {sure}; cropped to \d\d %\)\n", done.stderr)
     assert subprocess.run([*program, "rectify", str(photo)], capture_output=True, check=False).returncode == 1
     assert subprocess.run([*program, "rectify"], capture_output=True, check=False).returncode == 2
 

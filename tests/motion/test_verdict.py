@@ -21,11 +21,11 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
 @pytest.mark.parametrize(
     ("motion", "least", "cause", "told"),
     [
-        (sheared(41.2, 0.936), 0.5, "", "up to 41 px, confidence 0.93: likely"),
-        (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50: unsure"),
-        (sheared(4.2), 1.0, "", "up to 4.2 px"),
-        (sheared(4.2, 0.0), 0.0, "", "up to 4.2 px, confidence 0.00: unsure"),
-        (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 0.97: sure"),
+        (sheared(41.2, 0.936), 0.5, "", "points moved by up to 41 px, confidence 0.93: likely"),
+        (sheared(4.2, 0.5), 0.5, "", "points moved by up to 4.2 px, confidence 0.50: unsure"),
+        (sheared(4.2), 1.0, "", "points moved by up to 4.2 px"),
+        (sheared(4.2, 0.0), 0.0, "", "points moved by up to 4.2 px, confidence 0.00: unsure"),
+        (sheared(0.51, 1.0), 0.5, "", "points moved by up to 0.5 px, confidence 0.97: sure"),
         (
             sheared(124, 0.36),
             0.5,
@@ -57,7 +57,7 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
             replace(sheared(9.0, 0.93), expected_error=0.026),
             0.5,
             "",
-            "up to 9.0 px, confidence 0.93: likely, typically off by 2.1 px",
+            "points moved by up to 9.0 px, confidence 0.93: likely, typically off by 2.1 px",
         ),
         (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "no motion", None),
         (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
@@ -85,7 +85,7 @@ def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause:
 def test_a_strength_says_what_it_leaves_instead_of_the_error_of_all(strength: float, said: str, left_px) -> None:
     motion = replace(sheared(40.0, 0.93), expected_error=0.026)
     verdict = judge(Finding(motion), Undo(strength=strength))
-    assert verdict.described() == f"up to {40 * strength:.0f} px, confidence 0.93: likely, {said}"
+    assert verdict.described() == f"points moved by up to {40 * strength:.0f} px, confidence 0.93: likely, {said}"
     assert verdict.as_json().get("left_px") == left_px
     assert ("expected_error_px" in verdict.as_json()) == (strength == 1)
 

@@ -39,7 +39,7 @@ def test_the_command_says_it_in_the_photos_line(tmp_path: Path) -> None:
     RowMotion.from_polynomials([0, 2], [0, 0], 96, 128).save(tmp_path / "motion.json")
     command = [sys.executable, "-m", "unshutter", "rectify", "in.jpg", "-o", "out.webp", "--motion", "motion.json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "in.jpg -> out.webp (up to 2.0 px; cropped to 98 %; not written: IPTC)" in done.stderr
+    assert "in.jpg -> out.webp (points moved by up to 2.0 px; cropped to 98 %; not written: IPTC)" in done.stderr
 
 
 def test_the_line_names_four_parts_and_counts_the_rest() -> None:

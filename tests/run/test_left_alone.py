@@ -83,7 +83,9 @@ def test_a_line_says_one_thing_unless_more_is_wanted(folder: Path, capsys: pytes
     for more, advised in (([], False), (["-v"], True)):
         assert found(*words, *more) == 0
         told = capsys.readouterr().err.splitlines()
-        assert told[0].endswith("(up to 9.0 px, confidence 0.90: likely; cropped to 84 %)")  # of every changed photo
+        assert told[0].endswith(
+            "(points moved by up to 9.0 px, confidence 0.90: likely; cropped to 84 %)"
+        )  # of every changed photo
         assert ("--min-confidence" in told[3]) == advised
 
 
@@ -91,7 +93,10 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     out, log = folder.parent / "out", folder.parent / "log.jsonl"
     assert found(folder, "-o", out, "--json-log", log, "--edges", "keep") == 0
     told = capsys.readouterr().err.splitlines()
-    assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: likely)"
+    assert (
+        told[0]
+        == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (points moved by up to 9.0 px, confidence 0.90: likely)"
+    )
     assert told[1] == f"{folder}/dark.png left unchanged (too dark)"
     assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: it would help with a probability of 0.36)"
     counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"

@@ -44,7 +44,7 @@ def test_an_installed_package_adds_a_method(tmp_path: Path, rolling_facade: np.n
     photo = tmp_path / "photo.png"
     Photo.from_array(rolling_facade).save(photo)
     done = lines_of(["estimate", str(photo), "--json", "--estimator", "tilted", "--tilt-deg", "7"], tmp_path)
-    assert (done.returncode, done.stderr) == (0, f"{photo}: motion, up to 7.0 px\n")
+    assert (done.returncode, done.stderr) == (0, f"{photo}: motion, points moved by up to 7.0 px\n")
     motion = Motion.from_json(done.stdout)
     assert motion.estimator == "tilted"
     assert motion.tx_px[-1] == pytest.approx(7)

@@ -216,9 +216,9 @@ class Verdict:
         return str(self.reason) + (self._at_confidence if self.reason.code in WITHOUT_CONFIDENCE else "")
 
     def described(self) -> str:
-        """One line: ``up to 41 px, confidence 0.93: likely, typically off by 2.0 px``, or why it is unchanged."""
+        """One line: ``points moved by up to 41 px, confidence 0.93: likely, typically off by 2.0 px``, or why not."""
         look = ", please look" if self.needs_a_look else ""
-        done = f"up to {pixels(self.largest_px)}{self._at_confidence}{self._remaining}{look}"
+        done = f"points moved by up to {pixels(self.largest_px)}{self._at_confidence}{self._remaining}{look}"
         words = done if self.undoes else self.sentence
         words = words if self.source is None else f"{words} (by the film inside it)"
         turned = self.not_upright if self.upright is None else self.upright.described()
