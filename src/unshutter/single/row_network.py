@@ -150,8 +150,9 @@ class Kandula2020(Estimator):
 
     def estimate(self, view: View) -> Motion:
         """Returns cubic t_x and r_z, enlarged to the photo; first row as the reference."""
-        motion = self.of_square(square_of(view))
-        return motion_of_square(view, np.arange(SIZE), motion, self.name).rereferenced("first")
+        rows = (np.arange(side_of(view)) + 0.5) * SIZE / side_of(view) - 0.5  # the photo's, in rows of the square
+        motion = cubic(self.of_square(square_of(view)), rows)
+        return motion_of_square(view, rows, motion, self.name).rereferenced("first")
 
     def of_square(self, square: UInt[np.ndarray, "256 256 3"]) -> Float64[np.ndarray, "2 256"]:
         """Returns t_x [px of 256] and r_z [rad] of every row of a square, after the second look."""
@@ -162,6 +163,12 @@ class Kandula2020(Estimator):
             return first
         second = self._network.motion_of(rectified)
         return first + second if _size(second) < _LARGEST_CHANGE * _size(first) else first
+
+
+def cubic(motion: Float64[np.ndarray, "2 256"], rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "2 rows"]:
+    """Returns the cubics through a motion at other rows; straight pieces between its rows would be slow to warp by."""
+    coefficients = np.polynomial.polynomial.polyfit(np.arange(SIZE) / SIZE, motion.T, 3)
+    return np.polynomial.polynomial.polyval(rows / SIZE, coefficients)
 
 
 def _size(motion: Float64[np.ndarray, "2 rows"]) -> float:
