@@ -9,6 +9,8 @@ from unshutter import RowMotion
 from unshutter_lab.synthesis.rotation_log import RotationLog
 
 HERE = Path(__file__).parent
+ROOT = HERE.parent.parent
+WEB = ROOT / "src" / "unshutter" / "page" / "web"
 plt.rcParams["svg.hashsalt"] = "unshutter"  # same drawing, same bytes
 
 
@@ -38,14 +40,25 @@ def conventions() -> None:
 
 
 def before_after() -> None:
-    """The sample of the page and what `make demo` makes of it, side by side."""
+    """The sample of the page and what `make demo` makes of it; and the first photo of the tutorial."""
     import unshutter
+
+    photos = {"before_after": WEB / "sample.jpg", "first_photo": ROOT / "examples" / "demo.jpg"}
+    for name, photo in photos.items():
+        result = unshutter.rectify(photo, edges="keep")
+        side_by_side(name, result.original.to_array(), result.array, result.valid)
+
+
+def side_by_side(name: str, before: np.ndarray, after: np.ndarray, valid: np.ndarray) -> None:
+    """Saves two pictures of one size: both in the frame of what the second one shows."""
+    from unshutter.motion.grid import valid_window
     from unshutter.photo import Photo
 
-    sample = HERE.parent.parent / "src" / "unshutter" / "page" / "web" / "sample.jpg"
-    after = unshutter.rectify(sample).photo.image
-    both = Photo.open(sample).image.join(after, "horizontal", expand=True, shim=14, background=255, align="centre")
-    both.resize(0.7).jpegsave(str(HERE / "before_after.jpg"), Q=85)
+    window = valid_window(valid)
+    parts = [each[window.top : window.bottom, window.left : window.right] for each in (before, after)]
+    one, other = (Photo.from_array(np.ascontiguousarray(part)).image for part in parts)
+    both = one.join(other, "horizontal", expand=True, shim=10, background=255)
+    both.resize(min(1, 1200 / both.width)).jpegsave(str(HERE / f"{name}.jpg"), Q=85)
 
 
 def burst() -> None:
@@ -54,13 +67,11 @@ def burst() -> None:
     from unshutter.photo import Photo
     from unshutter_lab.synthesis.sequences import TurningCamera
 
-    basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
+    basilica = Photo.open(ROOT / "examples" / "original" / "basilica.webp").to_array()
     camera = TurningCamera(hand(), 0.8, 3, 30.0, 0.7, 480, 640, 560.0)
     frames = list(camera.rendered(basilica, noise=2.0))
-    straight = list(unshutter.rectify_frames(frames, readout_ratio=0.7, edges="crop"))[1].array
-    before, after = (Photo.from_array(np.ascontiguousarray(each)).image for each in (frames[1], straight))
-    both = before.join(after, "horizontal", expand=True, shim=10, background=255, align="centre")
-    both.jpegsave(str(HERE / "burst.jpg"), Q=86)
+    straight = list(unshutter.rectify_frames(frames, readout_ratio=0.7, edges="keep"))[1]
+    side_by_side("burst", frames[1], straight.array, straight.valid)
 
 
 def clip() -> None:
@@ -70,7 +81,7 @@ def clip() -> None:
 
     import unshutter
 
-    with av.open(str(HERE.parent.parent / "examples" / "walk.mp4")) as film:
+    with av.open(str(ROOT / "examples" / "walk.mp4")) as film:
         frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
     results = unshutter.rectify_frames(frames, readout_ms=20, fps=30, model="camera", edges="fill", reference="middle")
     straight = (result.array for result in results)
@@ -126,7 +137,7 @@ def two_frames() -> None:
     from unshutter.photo import Photo
     from unshutter_lab.synthesis.sequences import TurningCamera
 
-    basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
+    basilica = Photo.open(ROOT / "examples" / "original" / "basilica.webp").to_array()
     rows = []
     for picture, start in ((basilica, 0.8), (skimage.data.coffee(), 0.8)):
         camera = TurningCamera(hand(), start, 2, 30.0, 0.75, 360, 480, 480.0)

@@ -2,7 +2,7 @@
 
 /** @import { Stage } from "./stage.js" */
 
-import { draw, make, nameParts } from "./nodes.js";
+import { draw, make, putName } from "./nodes.js";
 import { button, signed } from "./widgets.js";
 import { percent, words } from "./words.js";
 
@@ -18,7 +18,7 @@ export class Bar {
   /** @param {HTMLElement} node where to @param {Stage} stage @param {On} on called when the user wants that */
   constructor(node, stage, on) {
     this.stage = stage;
-    this.name = make("output", { id: "name" });
+    this.name = make("output.file-name", { id: "name" });
     this.steps = [signed("previous", "‹", () => on.step(-1)), signed("next", "›", () => on.step(1))];
     this.grid = signed("grid", icon(GRID), () => this.toggleGrid());
     this.grid.setAttribute("aria-pressed", "false");
@@ -27,8 +27,12 @@ export class Bar {
     const zooms = [signed("zoomOut", "−", stage.zoomOut), this.zoom, signed("zoomIn", "+", stage.zoomIn)];
     const full = signed("fullScreen", icon(CORNERS), on.fullScreen);
     const original = button("original", () => {}, { title: words.originalHelp });
-    for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave"]) {
-      original.addEventListener(name, () => (stage.original = name === "pointerdown"));
+    const hold = (/** @type {Event} */ event) => {
+      const key = event instanceof KeyboardEvent && event.type === "keydown" && [" ", "Enter"].includes(event.key);
+      stage.original = key || event.type === "pointerdown";
+    };
+    for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave", "keydown", "keyup", "blur"]) {
+      original.addEventListener(name, hold);
     }
     const [previous, next] = this.steps;
     node.replaceChildren(previous, this.name, next, close, make("span.gap"), original, ...zooms, this.grid, full);
@@ -36,8 +40,7 @@ export class Bar {
 
   /** @param {string} name of the photo or clip that is shown */
   show(name) {
-    this.name.replaceChildren(...nameParts(name));
-    this.name.title = name;
+    putName(this.name, name).title = name;
   }
 
   /** Whether there is another one to go to. @param {boolean} many */

@@ -38,6 +38,9 @@ export class Clip extends Opened {
   #drawing = null;
   #work = new AbortController(); // of what the program does now
   #cancelled = false;
+  #turn = 0; // of the pictures that are asked for: answers of an earlier turn do not count
+  /** @type {Promise<ReadoutTime> | null} the search for the readout time */
+  #search = null;
 
   /** @param {File} file */
   constructor(file) {
@@ -45,23 +48,18 @@ export class Clip extends Opened {
   }
 
   /**
-   * Brings the pictures of the moment to the wanted size: the frame at once, a first look with the usual readout time,
-   * and what the clip's own gives. In the background no motion is looked for: that takes long.
+   * Brings the pictures of the moment to the wanted size: the frame at once, a first look with the usual readout time
+   * (unless it is later that somebody looks), and what the clip's own gives.
    * @param {Longest} longest @param {boolean} [later] @param {"both" | "after"} part
    */
   async show(longest, later, part = "both") {
-    const [pictures, moment] = [this.pictures, this.moment];
-    const fetch = async (/** @type {Which} */ which, /** @type {Options} */ more = {}) => {
-      const answer = await this.#ask(which, { moment: String(moment), longest: String(longest), ...more });
-      pictures[which] = { blob: await answer.blob(), longest };
-      if (pictures === this.pictures) this[which === "before" ? "facts" : "result"] = factsIn(answer);
-      this.tell();
-    };
+    const turn = ++this.#turn;
+    const fetch = (/** @type {Which} */ which, /** @type {Options} */ more = {}) =>
+      this.#fetch(which, longest, more, () => turn === this.#turn);
     try {
       await this.send();
       this.become("look");
       if (part === "both") await fetch("before", later ? { later: "1" } : {});
-      if (later) return this.become("open");
       this.#drawSmall(); // the frames are there long before their motion is
     } catch (error) {
       return this.fail(error);
@@ -69,15 +67,16 @@ export class Clip extends Opened {
     try {
       if (this.#cancelled) throw new Refused(0, words.stopped);
       if (!this.readout) {
-        await fetch("after", { usual: "1" }).catch(unlessRefused); // the search says what is wrong
-        this.readout = await this.#followed("readout time", async () => (await this.#ask("readout")).json());
+        if (!later) await fetch("after", { usual: "1" }).catch(unlessRefused); // the search says what is wrong
+        this.#search ??= this.#followed("readout time", async () => (await this.#ask("readout")).json());
+        this.readout = await this.#search;
       }
       await fetch("after");
       this.become("answer");
     } catch (error) {
       const failure = this.#cancelled ? new Refused(0, words.stopped) : error;
       if (failure instanceof Refused) {
-        this.readout = this.result = null;
+        this.readout = this.result = this.#search = null;
         delete this.pictures.after;
       }
       this.fail(failure, "ask"); // the clip can be read: it is the settings that do not do
@@ -103,8 +102,23 @@ export class Clip extends Opened {
     }
   }
 
+  /**
+   * Counts says whether the answer is still the one that is waited for.
+   * @param {Which} which @param {Longest} longest @param {Options} more @param {() => boolean} counts
+   */
+  async #fetch(which, longest, more, counts = () => true) {
+    const { pictures, moment } = this;
+    const answer = await this.#ask(which, { moment: String(moment), longest: String(longest), ...more });
+    const blob = await answer.blob();
+    if (!counts()) return;
+    pictures[which] = { blob, longest };
+    if (pictures === this.pictures) this[which === "before" ? "facts" : "result"] = factsIn(answer);
+    this.tell();
+  }
+
   /** Stops what the program does for the clip. */
   stop() {
+    this.#search = null;
     this.#work.abort();
     this.#work = new AbortController();
     this.#drawing = null;
@@ -138,6 +152,10 @@ export class Clip extends Opened {
 
   small = () => this.show(SMALL, true);
 
+  firstPicture() {
+    return this.#fetch("before", SMALL, { later: "1" });
+  }
+
   /** @param {number} moment */
   goTo(moment) {
     this.moment = moment;
@@ -168,7 +186,7 @@ export class Clip extends Opened {
 
   #clear() {
     this.pictures = {};
-    this.result = null;
+    this.result = this.glimpse = null; // which is of another moment
   }
 
   async asked() {

@@ -117,12 +117,15 @@ function text(id, label, known, set) {
  * How much of the motion to undo, in per cent: a slider and a number.
  * @param {string} id @param {Schema} schema @param {Set} set
  */
-function strength(id, { maximum = 1 }, set) {
+function strength(id, { maximum = 1, default: usual }, set) {
   const limits = { min: "0", max: String(100 * maximum) };
   const field = make("input", { type: "range", id, ...limits, step: "5" });
   const say = (/** @type {string} */ value, dragged = false) => set(String(Number(value) / 100), dragged);
   const exact = { ...limits, step: "1", "aria-label": words.strengthNumber };
-  const typed = number(`${id}-number`, words.option.strength, exact, (value) => value && say((field.value = value)));
+  const typed = number(`${id}-number`, words.option.strength, exact, (value) => {
+    field.value = typed.field.value = value || String(100 * Number(usual));
+    say(field.value);
+  });
   typed.node.htmlFor = id;
   field.addEventListener("input", () => say((typed.field.value = field.value), true));
   field.addEventListener("change", () => say(field.value));

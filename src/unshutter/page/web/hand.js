@@ -47,8 +47,8 @@ const lineKind = (tool) => KINDS.find((kind) => kind === tool) ?? null;
 
 /**
  * Called while a number changes, when something was set, when a tool is taken or put away, and when the last step shall
- * be taken back.
- * @typedef {{ draft(): void, refresh(): void, using(): void, undo(): void }} On
+ * be taken back or done again.
+ * @typedef {{ draft(): void, refresh(): void, using(): void, goBy(by: -1 | 1): void }} On
  */
 
 export class ByHand {
@@ -66,11 +66,12 @@ export class ByHand {
     this.tools = /** @type {Record<Tool, HTMLButtonElement>} */ (Object.fromEntries(tools));
     this.list = make("ul.lines-list");
     this.numbers = PULL_NAMES.map((name) => this.#number(name));
-    this.undo = button("undoHand", () => on.undo(), { title: words.undoHandHelp });
+    this.undo = button("undoHand", () => on.goBy(-1), { title: words.undoHandHelp });
+    this.redo = button("redoHand", () => on.goBy(1), { title: words.redoHandHelp });
     this.reset = button("resetHand", () => this.#reset(), { title: words.resetHandHelp });
     const drawing = row(...KINDS.map((kind) => this.tools[kind]));
     const pulls = this.numbers.map(({ node }) => node);
-    const parts = [quiet(words.byHandHelp), ...pulls, drawing, this.list, row(this.undo, this.reset)];
+    const parts = [quiet(words.byHandHelp), ...pulls, drawing, this.list, row(this.undo, this.redo, this.reset)];
     this.node = section("byHand", { id: "by-hand" }, ...parts);
     this.node.addEventListener("toggle", () => !this.node.open && this.stop());
   }
@@ -85,6 +86,7 @@ export class ByHand {
     this.#shear();
     this.reset.disabled = !photo.byHand;
     this.undo.disabled = !photo.undoable;
+    this.redo.disabled = !photo.redoable;
   }
 
   /** @param {Photo} photo */
@@ -202,8 +204,8 @@ export class ByHand {
     const { minimum: min, maximum: max, description: title } = about("photo", PULLS[name].option);
     const limits = { min, max, step: STEP, title, "aria-label": words.tool[name] };
     const { field } = number(`${name}-number`, "", limits, (value) => {
-      if (value === "") return;
-      this.#set(name, Number(value));
+      if (value === "") delete this.photo?.hand[PULLS[name].option];
+      else this.#set(name, Number(value));
       this.on.refresh();
     });
     const show = () => {

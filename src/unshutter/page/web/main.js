@@ -17,12 +17,15 @@ import { words } from "./words.js";
 
 const AT_ONCE = 2; // photos that are worked on in the background
 const NOTICE_MS = 12000;
+const STEP_PX = 60; // that an arrow key moves a picture that is zoomed in
 
 /** @type {Item[]} */
 const items = [];
 /** @type {About} */
 let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, clips: true, install_clips: "" };
-let background = 0;
+/** @type {Set<Item>} that are worked on in the background */
+const atWork = new Set();
+let glimpsing = false;
 
 for (const node of document.querySelectorAll("[data-word]")) node.prepend(wordOf(node, "data-word"));
 for (const node of document.querySelectorAll("[data-label]")) {
@@ -110,22 +113,32 @@ function arrange() {
   for (const node of [by("strip"), save, view.controls.toAll, view.clipControls.toAll]) if (node) node.hidden = !many;
 }
 
-/** Photos that nobody looks at get their thumbnails and motions, a few at a time. */
-async function workInBackground() {
-  while (background < AT_ONCE) {
-    const item = items.find((each) => each.state === "waiting" && each !== view.current);
+/** What nobody looks at gets its motion, too: photos a few at a time, and after them a clip at a time. */
+function workInBackground() {
+  glimpseAhead();
+  while (atWork.size < AT_ONCE) {
+    const waiting = items.filter((each) => each.state === "waiting" && each !== view.current && !atWork.has(each));
+    const item = waiting.find(({ kind }) => kind === "photo") ?? (atWork.size ? null : waiting[0]);
     if (!item) return;
-    background += 1;
+    atWork.add(item);
     const done = () => {
-      background -= 1;
+      atWork.delete(item);
       workInBackground();
     };
-    item
-      .small()
-      .catch(() => {})
-      .finally(done);
-    await null;
+    item.small().then(done, done);
   }
+}
+
+/** All get a first picture before their turn, one after the other. */
+async function glimpseAhead() {
+  if (glimpsing) return;
+  glimpsing = true;
+  for (;;) {
+    const item = [view.current, ...items].find((each) => each && !each.glimpsed);
+    if (!item) break;
+    await item.look();
+  }
+  glimpsing = false;
 }
 
 /** The others get the options of the current one, but for those that are true of one alone. */
@@ -188,20 +201,30 @@ const keys = {
   escape: () => hand.stop(),
 };
 for (let number = 1; number <= 9; number++) keys[number] = () => view.pick(number);
-for (const way of ["left", "up"]) keys[`arrow${way}`] = () => hand.nudge(-1);
-for (const way of ["right", "down"]) keys[`arrow${way}`] = () => hand.nudge(1);
+/** @type {[string, number, number][]} */
+const ARROWS = [
+  ["left", -1, 0],
+  ["up", 0, -1],
+  ["right", 1, 0],
+  ["down", 0, 1],
+];
+for (const [way, across, down] of ARROWS) {
+  keys[`arrow${way}`] = () =>
+    hand.pulls ? hand.nudge(across + down) : stage.shiftBy(-STEP_PX * across, -STEP_PX * down);
+}
 
 addEventListener("keydown", (event) => {
   const typing = pressed(event, "input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const [key, held] = [event.key.toLowerCase(), event.ctrlKey || event.metaKey];
   const dialog = /** @type {HTMLDialogElement} */ (by("save-which"));
   if (!view.current || typing) return;
-  if (key === "z" && held && !event.shiftKey) {
+  if (held && (key === "y" || key === "z")) {
     event.preventDefault();
-    return view.undo();
+    return view.goBy(key === "y" || event.shiftKey ? 1 : -1);
   }
-  if (key.startsWith("arrow") && (!hand.pulls || pressed(event, "input, .handle"))) return;
-  if (dialog.open || held || event.altKey || !(key in keys)) return;
+  if (event.defaultPrevented || dialog.open || held || event.altKey || !(key in keys)) return;
+  const moves = hand.pulls ? !pressed(event, "input") : stage.zoomed && !pressed(event, "input, aside");
+  if (key.startsWith("arrow") && !moves) return;
   event.preventDefault();
   keys[key]();
 });

@@ -45,11 +45,16 @@ export function refill(node, children) {
 
 const KEPT_OF_NAME = 9; // characters at its end, with its number and extension
 
-/** A file's name in two parts: where there is no room, its middle gives way. @param {string} name */
-export const nameParts = (name) => [
-  make("span.start", name.slice(0, -KEPT_OF_NAME)),
-  make("span", name.slice(-KEPT_OF_NAME)),
-];
+/**
+ * Puts a file's name on a node: where there is no room, its middle gives way. It is drawn in two parts, but is one word
+ * for those who hear or search it.
+ * @template {HTMLElement} T @param {T} node @param {string} name @returns {T}
+ */
+export function putName(node, name) {
+  Object.assign(node.dataset, { start: name.slice(0, -KEPT_OF_NAME), end: name.slice(-KEPT_OF_NAME) });
+  node.replaceChildren(make("span.away", name));
+  return node;
+}
 
 /** @param {string} id */
 export const by = (id) => /** @type {HTMLElement} */ (document.getElementById(id));

@@ -1,9 +1,10 @@
 // A file that is open on the page: it is sent to the program, and asked about there.
 
 /** @import { ClipFacts, ClipResult, Options, PhotoFacts, PhotoResult, Picture, Which } from "./types.js" */
-/** @import { Event as StateEvent, State } from "./states.js" */
+/** @import { Event as StateEvent, State } from "./states.js" @import { Glimpse } from "./glimpse.js" */
 
 import { ask, close, isAbort, Refused, rest, send } from "./api.js";
+import { glimpse } from "./glimpse.js";
 import { next } from "./states.js";
 
 const TRIES_AGAIN_MS = 1000;
@@ -26,6 +27,9 @@ export class Opened extends EventTarget {
   saved = ""; // the wishes with which it was saved last
   /** @type {Promise<void> | null} */
   #sending = null;
+  /** @type {Glimpse | null} a first picture, drawn by the browser */
+  glimpse = null;
+  glimpsed = false; // whether one was looked for
 
   /** @param {File} file @param {string} address of its kind in the program's API */
   constructor(file, address) {
@@ -79,6 +83,31 @@ export class Opened extends EventTarget {
         this.lose();
       }
     }
+  }
+
+  /** Gets a first picture, if it has none: from the browser, or from the program if nobody waits for its answer. */
+  async look() {
+    this.glimpsed = true;
+    if (this.pictures.before) return;
+    this.glimpse = await glimpse(this.file, this.address.endsWith("clips"));
+    this.tell();
+    if (this.glimpse || this.state !== "waiting") return;
+    try {
+      await this.sendAhead();
+      await this.firstPicture();
+    } catch (error) {
+      this.fail(error);
+    }
+  }
+
+  /** Gets a first picture from the program. */
+  async firstPicture() {}
+
+  /** Sends it before its turn, for which it goes on waiting; returns its id. */
+  async sendAhead() {
+    const id = await this.send();
+    this.become("wait");
+    return id;
   }
 
   /** Sends it, unless the program has it; returns its id. */

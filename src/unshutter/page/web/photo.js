@@ -30,6 +30,7 @@ export class Photo extends Opened {
   /** @type {string | null} the options that they were found with, as text */
   #candidatesOf = null;
   #steps = ["[[],{},null]"]; // lines, numbers by hand and candidate, as text, after each step by hand
+  #at = 0; // the number of steps that count: the others were taken back
   /** @type {Trouble | null} why the neighbours cannot be used: the photo alone counts then */
   trouble = null;
   /** @type {Partial<Record<Which, Photo>>} taken just then */
@@ -143,18 +144,26 @@ export class Photo extends Opened {
 
   /** Remembers what was done by hand, to be undone. */
   remember() {
-    if (this.#step !== this.#steps.at(-1)) this.#steps.push(this.#step);
+    if (this.#step !== this.#steps[this.#at]) this.#steps.splice(++this.#at, Infinity, this.#step);
   }
 
   /** Whether there is a step to undo. */
   get undoable() {
-    return this.#steps.length > 1 || this.#step !== this.#steps[0];
+    return this.#at > 0 || this.#step !== this.#steps[0];
   }
 
-  /** Takes back the last step by hand. */
-  undo() {
-    while (this.#steps.length > 1 && this.#steps.at(-1) === this.#step) this.#steps.pop();
-    const [lines, hand, candidate] = JSON.parse(/** @type {string} */ (this.#steps.at(-1)));
+  /** Whether there is one to do again. */
+  get redoable() {
+    return this.#at < this.#steps.length - 1 && this.#step === this.#steps[this.#at];
+  }
+
+  /** Takes back the last step by hand, or does the next one again. @param {-1 | 1} by */
+  goBy(by) {
+    this.remember();
+    const step = this.#steps[this.#at + by];
+    if (step === undefined) return;
+    this.#at += by;
+    const [lines, hand, candidate] = JSON.parse(step);
     Object.assign(this, { lines, hand });
     super.set("candidate", candidate ?? "");
   }
@@ -176,6 +185,10 @@ export class Photo extends Opened {
   }
 
   small = () => this.show(SMALL, true);
+
+  firstPicture() {
+    return this.#fetch("before", SMALL, true);
+  }
 
   /** A quick picture of what something that is being dragged does. @param {number} longest */
   async draft(longest) {

@@ -3,6 +3,7 @@
 /** @import { Clip } from "./clip.js" @import { Item } from "./types.js" @import { Stage } from "./stage.js" */
 
 import { make } from "./nodes.js";
+import { AT_WORK } from "./states.js";
 import { button } from "./widgets.js";
 import { words } from "./words.js";
 
@@ -42,9 +43,10 @@ export class Player {
   show(item) {
     const clip = item.kind === "clip" ? item : null;
     this.#clip = clip;
-    this.node.hidden = !clip || !["finding", "done"].includes(clip.state);
-    const busy = clip !== null && (clip.state === "finding" || clip.filming);
-    this.said.textContent = busy ? (clip.filming ? words.filming : words.searching) : "";
+    const searching = clip !== null && AT_WORK.includes(clip.state);
+    const busy = clip !== null && (searching || clip.filming);
+    this.node.hidden = !searching && clip?.state !== "done";
+    this.said.textContent = !busy ? "" : clip.filming ? words.filming : clip.facts ? words.searching : words.opening;
     this.left.textContent = busy ? clip.doing.left : "";
     this.bar.hidden = !busy;
     this.cancel.hidden = !busy || !clip.facts; // × closes it before

@@ -37,7 +37,7 @@ export async function saveMotion(photo, notice) {
 }
 
 /** @param {Item} item */
-const canBeSaved = ({ id, state }) => id !== null && !WRONG.includes(state);
+const canBeSaved = ({ state }) => !WRONG.includes(state);
 
 /**
  * Saves all as a zip file; if some are left unchanged, or may be, the user chooses whether they are wanted, too.
@@ -73,7 +73,7 @@ async function saveMany(items, to, notice, onlyChanged = false) {
   addEventListener("pagehide", leave);
   try {
     const wishes = savable.map((item) => item.wishes);
-    const asked = savable.map(async (item) => ({ id: item.id, options: await item.asked() }));
+    const asked = savable.map(async (item) => ({ id: await item.sendAhead(), options: await item.asked() }));
     const body = JSON.stringify({ to, photos: await Promise.all(asked), only_changed: onlyChanged });
     const begun = /** @type {Saving} */ (await (await ask("/api/saves", { method: "POST", body })).json());
     saving = begun;

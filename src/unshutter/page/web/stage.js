@@ -10,8 +10,17 @@ import { words } from "./words.js";
 const WHOLE = [0, 0, 1, 1];
 const SIDES = /** @type {const} */ (["before", "after"]);
 const GRID_CELLS = 12; // across and down
-/** @type {Record<string, number>} */
-const MOVES = { ArrowLeft: -2, ArrowRight: 2, PageDown: -10, PageUp: 10, Home: -100, End: 100 }; // of the divider [%]
+/** Keys -> how far the divider goes [%]. @type {Record<string, number>} */
+const MOVES = {
+  ArrowLeft: -2,
+  ArrowRight: 2,
+  ArrowDown: -2,
+  ArrowUp: 2,
+  PageDown: -10,
+  PageUp: 10,
+  Home: -100,
+  End: 100,
+};
 const MOST_ZOOM = 16; // times the size that fits
 const ZOOM_STEP = 1.25; // for a press of a key
 const WHEEL = 0.0015; // of the zoom's logarithm for each pixel of the wheel
@@ -303,7 +312,7 @@ export class Stage {
     const grabbed = pressed(event, ".handle");
     if (grabbed) this.handle.focus({ focusVisible: false });
     else if (this.mode && this.tool(event)) return;
-    if (this.zoomed && !grabbed) return this.drag(event, (dx, dy) => this.#shiftBy(dx, dy));
+    if (this.zoomed && !grabbed) return this.drag(event, (dx, dy) => this.shiftBy(dx, dy));
     if (!pressed(event, ".compare") || this.frame.classList.contains("single")) return;
     const follow = (/** @type {PointerEvent} */ at) => {
       const box = this.frame.getBoundingClientRect();
@@ -313,8 +322,8 @@ export class Stage {
     this.drag(event, (_dx, _dy, at) => follow(at));
   }
 
-  /** @param {number} dx @param {number} dy */
-  #shiftBy(dx, dy) {
+  /** Moves a picture that is zoomed in [CSS px]. @param {number} dx @param {number} dy */
+  shiftBy(dx, dy) {
     this.#shift = [this.#shift[0] + dx, this.#shift[1] + dy];
     this.#fit();
   }

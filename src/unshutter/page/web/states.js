@@ -5,14 +5,14 @@
 
 /**
  * waiting: for the program, or for its turn. loading: its file is on the way to the program. finding: its pictures and
- * its motion are asked for. opened: a clip that nobody looks at, whose frames are there. asking: a clip of which the
- * program needs to be told more. done: the answer is there. failed: the program cannot use it.
- * @typedef {"waiting" | "loading" | "finding" | "opened" | "asking" | "done" | "failed"} State
+ * its motion are asked for. asking: a clip of which the program needs to be told more. done: the answer is there.
+ * failed: the program cannot use it.
+ * @typedef {"waiting" | "loading" | "finding" | "asking" | "done" | "failed"} State
  */
 /**
- * send: its file is sent. look: it is asked about. open: it is looked into, and no more. answer: all is there. ask: the
+ * send: its file is sent. wait: it was sent before its turn. look: it is asked about. answer: all is there. ask: the
  * program asks back. refuse: the program refuses it. change: it got options of another, and waits for its turn again.
- * @typedef {"send" | "look" | "open" | "answer" | "ask" | "refuse" | "change"} Event
+ * @typedef {"send" | "wait" | "look" | "answer" | "ask" | "refuse" | "change"} Event
  */
 
 /**
@@ -21,9 +21,8 @@
  */
 export const TABLE = {
   waiting: { send: "loading", look: "finding", refuse: "failed" }, // an answer to what was asked before is none
-  loading: { look: "finding", answer: "done", ask: "asking", open: "opened", refuse: "failed", change: "waiting" },
-  finding: { send: "loading", answer: "done", ask: "asking", open: "opened", refuse: "failed", change: "waiting" },
-  opened: { send: "loading", look: "finding", refuse: "failed", change: "waiting" },
+  loading: { look: "finding", answer: "done", ask: "asking", wait: "waiting", refuse: "failed", change: "waiting" },
+  finding: { send: "loading", answer: "done", ask: "asking", refuse: "failed", change: "waiting" },
   asking: { send: "loading", look: "finding", answer: "done", refuse: "failed", change: "waiting" },
   done: { send: "loading", look: "finding", ask: "asking", refuse: "failed", change: "waiting" },
   failed: { send: "loading", look: "finding", answer: "done", ask: "asking" },

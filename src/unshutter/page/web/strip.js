@@ -2,7 +2,7 @@
 
 /** @import { Box, Item } from "./types.js" */
 
-import { make, nameParts } from "./nodes.js";
+import { make, putName } from "./nodes.js";
 import { AT_WORK, shownState } from "./states.js";
 import { button, press } from "./widgets.js";
 import { words } from "./words.js";
@@ -93,7 +93,7 @@ export class Strip {
   /** @param {Item} item */
   thumbnail(item) {
     const canvas = make("canvas", { width: SIDE, height: SIDE, "aria-hidden": "true" });
-    const [name, state] = [make("span.file-name", ...nameParts(item.name)), make("span.state")];
+    const [name, state] = [putName(make("span.file-name"), item.name), make("span.state")];
     const picks = { type: "button", title: item.name, onclick: () => this.on.pick(item) };
     const pick = make("button.thumbnail", picks, canvas, name, state);
     const closes = { type: "button", "aria-label": words.close(item.name), onclick: () => this.on.close(item) };
@@ -122,12 +122,12 @@ export class Strip {
     const made = this.#items.get(item);
     if (!made) return;
     const shown = shownState(item);
-    made.state.textContent = stateSaid(item);
+    made.state.title = made.state.textContent = stateSaid(item);
     made.pick.dataset.state = shown;
     made.pick.dataset.sure = shown === "changed" ? certaintyOf(item) : "";
     this.#count();
     const { before, after } = item.pictures;
-    const blob = (after ?? before)?.blob;
+    const blob = (after ?? before ?? item.glimpse)?.blob;
     if (blob && blob !== made.drawn) {
       made.drawn = blob;
       paint(made.canvas, blob, SIDE, after && item.result?.crop);
@@ -139,12 +139,12 @@ export class Strip {
 export function stateSaid(item) {
   const shown = shownState(item);
   if (shown === "loading") return words.state.loading(item.loaded);
-  if ((shown === "done" || shown === "opened") && item.kept) return words.saved;
+  if ((shown === "done" || shown === "waiting") && item.kept) return words.saved;
   if (shown !== "changed") return words.state[shown];
   const sure = certaintyOf(item);
   const byHand = item.kind === "photo" && item.byHand;
   const said = byHand ? words.changedByHand : words.state.changed(sure && words.sure[sure]);
-  return item.kept ? `${said} · ${words.saved}` : said;
+  return item.kept ? `${words.saved} · ${said}` : said; // the end may not find room
 }
 
 /**

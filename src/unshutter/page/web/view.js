@@ -121,20 +121,22 @@ export class View {
     by("viewer").classList.toggle("bare", inPicture && failed);
     by("panel").hidden = kind !== "photo" || failed;
     by("clip-panel").hidden = kind !== "clip";
-    const saidElsewhere = ["done", "asking"].includes(state) || inPicture || (kind === "clip" && state === "finding");
-    by("working").textContent = saidElsewhere ? "" : failed ? error : stateSaid(item);
+    const saidElsewhere = ["done", "asking"].includes(state) || inPicture;
+    const reading = kind === "clip" && state === "finding" && (pictures.before || item.glimpse ? "" : words.opening);
+    by("working").textContent = saidElsewhere ? "" : failed ? error : reading !== false ? reading : stateSaid(item);
     by("working").classList.toggle("wrong", failed && !inPicture);
   }
 
   /** @param {Item} item */
-  #showPictures({ pictures, facts, name }) {
+  #showPictures({ pictures, facts, name, glimpse }) {
     const alts = { before: words.beforeAlt(name), after: words.afterAlt(name) };
     for (const which of /** @type {const} */ (["before", "after"])) {
-      const blob = pictures[which]?.blob;
-      if (!blob || !facts || this.#shown[which] === blob) continue;
+      const first = which === "before" && !pictures.before ? glimpse : null;
+      const [blob, size] = [(first ?? pictures[which])?.blob, first ?? facts];
+      if (!blob || !size || this.#shown[which] === blob) continue;
       this.#shown[which] = blob;
-      this.stage.picture(which, blob, facts, alts[which]);
-      if (which === "before" && !pictures.after) this.stage.picture("after", blob, facts, "");
+      this.stage.picture(which, blob, size, alts[which]);
+      if (which === "before" && !pictures.after) this.stage.picture("after", blob, size, "");
     }
   }
 
@@ -196,11 +198,10 @@ export class View {
     this.refresh();
   }
 
-  /** Takes back the last step by hand. */
-  undo() {
-    if (!this.photo?.undoable) return;
-    this.photo.undo();
-    this.refresh();
+  /** Takes back the last step by hand, or does the next one again. @param {-1 | 1} by */
+  goBy(by) {
+    this.photo?.goBy(by);
+    if (this.photo) this.refresh();
   }
 
   /** What a number on the keyboard picks, from 1. @param {number} number */

@@ -48,13 +48,20 @@ export function check(id, label, changed) {
 }
 
 /**
- * A number; changed only hears of those that can be.
+ * A number: what lies beyond its limits becomes the nearest that can be; changed hears "" where there is none.
  * @param {string} id @param {Part} label @param {Attributes} limits @param {(value: string) => void} changed
  */
 export function number(id, label, limits, changed) {
-  const onchange = () => field.checkValidity() && changed(field.value);
+  const onchange = () => changed((field.value = nearest(field)));
   const field = make("input", { type: "number", id, ...limits, onchange });
   return { node: make("label.field", { for: id }, label, field), field };
+}
+
+/** @param {HTMLInputElement} field of a number @returns {string} */
+function nearest({ value, min, max, step }) {
+  if (value === "") return "";
+  const within = Math.min(Math.max(Number(value), Number(min || -Infinity)), Number(max || Infinity));
+  return String(step === "1" ? Math.round(within) : within);
 }
 
 /** The keys of a panel. @param {string[][]} list */

@@ -33,9 +33,12 @@ export const words = {
   saveUnchanged: "All, unchanged ones as they are",
   saveNone: cancel,
   emptyTitle: touch ? "Choose photos or clips" : "Drop photos or clips here",
+  leans: "It leans",
+  bends: "It bends",
+  wobbles: "It wobbles",
   emptyWords:
-    "Photos taken from a train, a car or a moving hand lean and bend, since a camera reads its picture row by " +
-    "row. unshutter straightens them. A photo that gives no clear answer is left unchanged, and you can help by hand.",
+    "The camera moved while it read the picture row by row, in a train, a car or your hand. unshutter straightens " +
+    "that. A photo that gives no clear answer is left unchanged, and you can help by hand.",
   chooseFiles: "Choose files…",
   sample: "Try a sample photo",
   emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
@@ -82,7 +85,6 @@ export const words = {
     waiting: "waiting",
     loading: (share) => `loading ${percent(share)}`,
     finding: "finding the motion…",
-    opened: "not looked at yet",
     asking: "needs its readout time",
     done: "ready to save",
     changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
@@ -91,6 +93,7 @@ export const words = {
   },
   changedByHand: "straightened by hand",
   saved: "saved",
+  opening: "opening the clip…",
   drawing: "drawing at full size…",
   working: "working…",
   failedHelp: "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …).",
@@ -183,6 +186,8 @@ export const words = {
   lineRemove: (line, number) => `Remove ${line} ${number}`,
   undoHand: "Undo",
   undoHandHelp: "Takes back the last step by hand (Ctrl+Z)",
+  redoHand: "Redo",
+  redoHandHelp: "Does again what was undone (Ctrl+Y, Ctrl+Shift+Z)",
   resetHand: "Remove all of it",
   resetHandHelp: "Removes all lines and numbers set by hand",
   edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
@@ -302,7 +307,7 @@ export const words = {
   reset,
   keys: "Keys",
   keyList: [
-    ["← →", "move the divider, if it is selected; lean, bend and turn by hand"],
+    ["← ↑ → ↓", "the divider, if it is selected; a photo that is zoomed in; lean, bend and turn by hand"],
     ["J, K", "next, previous photo"],
     ["+ −, wheel, pinch", "zoom"],
     ["1, 2, 3 …", "what it could be: take one"],
@@ -312,7 +317,7 @@ export const words = {
     ["G", "grid"],
     ["F", "full screen"],
     ["S", "save this photo"],
-    ["Ctrl+Z", "undo the last step by hand"],
+    ["Ctrl+Z, Ctrl+Y", "undo the last step by hand, redo it"],
   ],
 
   // clips
@@ -378,7 +383,7 @@ export const words = {
   },
   clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [
-    ["← →", "move the divider, if it is selected"],
+    ["← ↑ → ↓", "the divider, if it is selected; a frame that is zoomed in"],
     ["J, K", "next, previous"],
     ["1 … 5", "the moments"],
     ["P", "play, pause"],
