@@ -64,6 +64,7 @@ COMMANDS = {
     "estimate": "photo_commands:ESTIMATE",
     "map": "other_commands:MAP",
     "serve": "other_commands:SERVE",
+    "open": "other_commands:OPEN",
     "points": "other_commands:POINTS",
     "poses": "poses_command:COMMAND",
     "models": "other_commands:MODELS",

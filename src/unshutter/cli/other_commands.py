@@ -1,4 +1,4 @@
-"""The small commands: ``completion``, ``map``, ``points``, ``models``, ``cameras`` and ``serve``."""
+"""The small commands: ``completion``, ``map``, ``points``, ``models``, ``cameras``, ``serve`` and ``open``."""
 
 from __future__ import annotations
 
@@ -230,4 +230,28 @@ It is for this machine only: your files stay on it, in a temporary folder that i
 extra `web`, and `video` for clips.""",
     Settings,
     serve,
+)
+
+
+@dataclass(frozen=True)
+class Open:
+    """Arguments of ``unshutter open``."""
+
+    file: list[Path] = positional("Photos and clips to open, or folders of them.", "input", optional=True)
+
+
+def _open(arguments: Open) -> int:
+    """Opens the page in the browser; returns the exit code."""
+    from unshutter.page.launch import open_page
+
+    return open_page(arguments.file)
+
+
+OPEN = Command(
+    """Open photos and clips on the page, in the browser.
+
+A page that runs already gets a new tab. Otherwise, one is started, which ends soon after its last tab was closed. Needs
+the extra `web`, and `video` for clips.""",
+    Open,
+    _open,
 )

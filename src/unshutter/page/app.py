@@ -32,6 +32,7 @@ from unshutter.page.saves import Item, Saving, Savings, To, photo_result
 from unshutter.page.sentences import OTHER_NEIGHBOURS, advice, reason_json
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, refusal
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
+from unshutter.page.tabs import Tabs, tab_routes
 from unshutter.progress import tell
 from unshutter.run.inputs import motion_name, unchanged_name
 from unshutter.version import __version__
@@ -58,7 +59,9 @@ _STATUSES: dict[type[Exception], int] = {UsageError: 400, Missing: 404, Full: 41
 _HEADERS: dict[int, dict[str, str]] = {503: {"retry-after": "1"}}
 
 
-def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
+def application(
+    desk: Desk, token: str, port: int, tabs: Tabs | None = None, patience_s: float = _PATIENCE_S
+) -> ASGIApp:
     """Builds the ASGI application for the whole server."""
     photo, clip, save = "/api/photos/{id}", "/api/clips/{id}", "/api/saves/{id}"
     routes = [
@@ -84,6 +87,7 @@ def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE
         Route(f"{save}/events", _events),
         Route(save, _cancel, methods=["DELETE"]),
         Route(f"{save}/file", _download),
+        *tab_routes(tabs or Tabs(), desk.settings),
     ]
     limits = Middleware(Limits, desk.settings, patience_s)
     kinds = (HTTPException, UnshutterError, OSError, Exception)

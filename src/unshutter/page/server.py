@@ -11,12 +11,20 @@ import socket
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
+from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder, write_link
+from unshutter.page.launch import open_page
 from unshutter.page.settings import Settings
 from unshutter.page.store import Desk, temporary_folder
+from unshutter.progress import tell
+
+if TYPE_CHECKING:
+    import uvicorn
+
+    from unshutter.page.tabs import Tabs
 
 _MOST_CONNECTIONS = 100
 _WAIT_S = 2  # grace period for open responses at shutdown
@@ -24,15 +32,30 @@ _WAIT_S = 2  # grace period for open responses at shutdown
 
 def serve(settings: Settings) -> int:
     """Serves the page until asked to stop, and returns the exit code."""
+    if not settings.until_closed:
+        return _serve(settings)
+    home = state_folder()
+    with only_page(home) as is_ours:
+        if is_ours:
+            return _serve(settings, home)
+    page = described_page(home)
+    tell(f"unshutter: the page runs already{f', as process {page.pid}' if page else ''}")
+    return open_page([]) if settings.open else 0
+
+
+def _serve(settings: Settings, home: Path | None = None) -> int:
+    """Serves the page; with a folder, as the one that ``unshutter open`` finds, and until its last tab is closed."""
     try:
         import uvicorn.server
 
         from unshutter.page.app import application
         from unshutter.page.guard import Connection
+        from unshutter.page.tabs import Tabs
     except ImportError as error:
         raise UnshutterError(f"the page needs the extra: {errors.extra('web')} ({error})") from None
 
     token = settings.token or secrets.token_urlsafe(18)
+    tabs = Tabs(home, secrets.token_urlsafe(18))
     logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # nobody needs a log of requests
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
@@ -50,13 +73,28 @@ def serve(settings: Settings) -> int:
         hangup = getattr(signal, "SIGHUP", None)  # not available on Windows
         if hangup is not None and signal.getsignal(hangup) not in (None, signal.SIG_IGN):
             uvicorn.server.HANDLED_SIGNALS += (hangup,)  # it stops the server as SIGTERM does
-        server = uvicorn.Server(uvicorn.Config(application(desk, token, port), **options))
-        _announce(settings, port, token, folder)
+        server = uvicorn.Server(uvicorn.Config(application(desk, token, port, tabs), **options))
+        if home is not None:
+            publish(home, RunningPage(port, token, tabs.proof, os.getpid()))
+        link_file = _announce(settings, port, token, folder)
         try:
-            asyncio.run(server.serve(sockets=[listener]))
+            asyncio.run(_until_asked_to_stop(server, listener, tabs))
         finally:
             desk.close()
+            if link_file is not None:
+                link_file.unlink(missing_ok=True)
     return 0
+
+
+async def _until_asked_to_stop(server: uvicorn.Server, listener: socket.socket, tabs: Tabs) -> None:
+    async def stop_with_last_tab() -> None:
+        await tabs.wait_until_closed()
+        server.should_exit = True
+
+    stopping = asyncio.create_task(stop_with_last_tab()) if tabs.home is not None else None
+    await server.serve(sockets=[listener])
+    if stopping is not None:
+        stopping.cancel()
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -75,13 +113,13 @@ def _listening(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _announce(settings: Settings, port: int, token: str, folder: Path) -> None:
+def _announce(settings: Settings, port: int, token: str, folder: Path) -> Path | None:
+    """Prints the link; if the browser is to open it, returns the file that leads there."""
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     link = f"http://{host}:{port}/?token={token}"
     print(f"unshutter: {link}\nunshutter: open this link in a browser; Ctrl-C ends the page", flush=True)
-    if settings.open:
-        # other users see a browser's command line, which must not contain the token
-        redirection = folder / "open.html"
-        with open(os.open(redirection, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(f'<!doctype html><meta http-equiv="refresh" content="0; url={link}"><title>unshutter</title>')
-        threading.Thread(target=webbrowser.open, args=[redirection.as_uri()], daemon=True).start()
+    if not settings.open:
+        return None
+    file = write_link(folder, secrets.token_urlsafe(9), link)
+    threading.Thread(target=webbrowser.open, args=[file.as_uri()], daemon=True).start()
+    return file

@@ -38,6 +38,9 @@ class Settings:
 
     port: int = option(_PORT, f"Port to listen on; 0 picks a free one. Default: {_PORT}.")
     open: bool = option(False, "Open the page in the browser.")
+    until_closed: bool = option(
+        False, "End the page soon after its last tab was closed. There is one such page at a time: unshutter open."
+    )
     max_mb: int | None = option(
         None, f"Refuse photos and clips above this size, in megabytes. Default: {_PHOTO_MB}; clips {_CLIP_MB}."
     )
@@ -53,6 +56,8 @@ class Settings:
     )
 
     def __post_init__(self) -> None:
+        if self.until_closed and self.host != "127.0.0.1":
+            raise UsageError("{--until-closed} is for pages on this machine: leave out {--host}")
         if not 0 <= self.port <= 65_535:
             raise UsageError(f"{{--port}} must lie between 0 and 65535, got {self.port}")
         if self.max_mb is not None and not 1 <= self.max_mb <= _MOST_MB:

@@ -11,6 +11,7 @@ import { Photo } from "./photo.js";
 import { saveAll } from "./saving.js";
 import { pressed } from "./stage.js";
 import { Strip } from "./strip.js";
+import { stay } from "./tab.js";
 import { View } from "./view.js";
 import { button } from "./widgets.js";
 import { words } from "./words.js";
@@ -235,6 +236,7 @@ by("drop-area").addEventListener("click", (event) => !pressed(event, "#sample") 
 addEventListener("beforeunload", (event) => items.some((item) => item.unsaved) && event.preventDefault());
 addEventListener("pagehide", () => items.forEach((item) => item.forget()));
 watch(take);
+stay(take, notice);
 
 about()
   .then((answer) => {

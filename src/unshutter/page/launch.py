@@ -1,0 +1,92 @@
+"""Opens the page in the browser, with files: the page that runs already, or a new one that ends after its last tab."""
+
+from __future__ import annotations
+
+import secrets
+import subprocess
+import sys
+import time
+import webbrowser
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from unshutter.errors import MissingFileError, UnshutterError
+from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.page.instance import RunningPage, described_page, leave_files, state_folder, write_link
+from unshutter.progress import tell
+from unshutter.run.inputs import PHOTO_SUFFIXES
+from unshutter.storage.files import check_plain
+
+_START_S = 60.0  # a slow disc may need seconds to load the program
+_LOOK_S = 0.05
+_LOG = "page.log"
+
+
+def open_page(paths: Iterable[Path]) -> int:
+    """Opens the page with photos, clips and folders of them; returns the exit code."""
+    files = [file for path in paths for file in _files_at(path)]
+    folder = state_folder()
+    id = secrets.token_urlsafe(9)
+    page = described_page(folder)
+    if page is None or not page.announce(id):
+        page = _started_page(folder, id)
+    leave_files(folder, id, files)
+    link = page.link(id)
+    if not webbrowser.open(write_link(folder, id, link).as_uri()):
+        tell(f"no browser was found: open {link}")
+        return 1
+    return 0
+
+
+def _files_at(path: Path) -> list[Path]:
+    """Returns the file, or the photos and clips of a folder; raises UnshutterError if there are none."""
+    check_plain(path)
+    if path.is_dir():
+        known = PHOTO_SUFFIXES | set(FILM_FORMATS)
+        files = [each.absolute() for each in sorted(path.rglob("*")) if _is_shown(each, path, known)]
+        if not files:
+            raise UnshutterError("there are no photos or clips in {folder}", folder=path)
+        return files
+    if not path.is_file():
+        raise MissingFileError("there is no file {file}", file=path)
+    if not path.stat().st_size:
+        raise UnshutterError("{file} is empty (0 bytes)", file=path)
+    return [path.absolute()]
+
+
+def _is_shown(file: Path, folder: Path, known: set[str]) -> bool:
+    hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
+    return file.suffix.lower() in known and not hidden and file.is_file()
+
+
+def _started_page(folder: Path, id: str) -> RunningPage:
+    """Starts a server that outlives this process, and returns it once it answers."""
+    program = [sys.executable] if getattr(sys, "frozen", False) else [sys.executable, "-m", "unshutter"]
+    log = folder / _LOG
+    with log.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(
+            [*program, "serve", "--until-closed", "--port", "0"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            cwd=folder,  # so that no disc is kept from being unmounted
+            **_on_its_own(),
+        )
+    deadline = time.monotonic() + _START_S
+    while time.monotonic() < deadline:
+        page = described_page(folder)
+        if page is not None and page.announce(id):
+            return page
+        if process.poll():  # 0: another start was faster, and its page is about to answer
+            break
+        time.sleep(_LOOK_S)
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    raise UnshutterError(lines[-1].removeprefix("unshutter: ") if lines else "the page did not start in time")
+
+
+def _on_its_own() -> dict[str, Any]:
+    """Returns how to start a process that a closed terminal does not end."""
+    if sys.platform == "win32":
+        return {"creationflags": subprocess.DETACHED_PROCESS | subprocess.CREATE_NEW_PROCESS_GROUP}
+    return {"start_new_session": True}

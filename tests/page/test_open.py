@@ -1,0 +1,270 @@
+"""``unshutter open``: a page that the next start finds, that is given files, and that ends after its last tab."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import Browser, expect
+
+from support.browser import SLOW_MS, wait_for
+from support.page_server import LONG_S, becomes, temporary_folders
+from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder
+
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="the folder of the running page is named by XDG_RUNTIME_DIR"
+)
+
+
+@dataclass
+class User:
+    """Somebody who opens the page, with a browser that keeps what it is told to open.
+
+    Attributes:
+        home: their folder, which has all that the page needs.
+    """
+
+    home: Path
+
+    @property
+    def folder(self) -> Path:
+        return self.home / "unshutter"
+
+    def open(self, *arguments: object, command: str = "open", **more: str) -> subprocess.CompletedProcess[str]:
+        words = [sys.executable, "-m", "unshutter", command, *map(str, arguments)]
+        environment = os.environ | {
+            "XDG_RUNTIME_DIR": str(self.home),
+            "TMPDIR": str(self.home),
+            "BROWSER": str(self.browser),
+        }
+        environment |= more
+        return subprocess.run(words, env=environment, capture_output=True, text=True, timeout=2 * LONG_S, check=False)
+
+    @property
+    def browser(self) -> Path:
+        return self.home / "browser"
+
+    @property
+    def links(self) -> list[str]:
+        """What the browser was led to, so far."""
+        files = (self.home / "opened").read_text().split() if (self.home / "opened").exists() else []
+        return [
+            Path(file.removeprefix("file://")).with_suffix(".seen").read_text().partition("url=")[2].partition('"')[0]
+            for file in files
+        ]
+
+    @property
+    def page(self) -> RunningPage:
+        page = described_page(self.folder)
+        assert page is not None
+        return page
+
+    def client(self) -> httpx.Client:
+        headers = {"Authorization": f"Bearer {self.page.token}"}
+        return httpx.Client(base_url=f"http://127.0.0.1:{self.page.port}", headers=headers, verify=False)
+
+
+@pytest.fixture
+def user(tmp_path: Path) -> Iterator[User]:
+    home = tmp_path / "user"
+    home.mkdir(mode=0o700)
+    user = User(home)
+    user.browser.write_text(
+        '#!/bin/sh\nfile=${1#file://}; cp "$file" "${file%.html}.seen"; echo "$1" >> "${0%/*}/opened"\n'
+    )
+    user.browser.chmod(0o755)
+    yield user
+    page = described_page(user.folder)
+    if page is not None:
+        with suppress(ProcessLookupError):
+            os.kill(page.pid, signal.SIGTERM)
+        assert becomes(lambda: not alive(page.pid))
+
+
+def alive(pid: int) -> bool:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def tab_of(link: str) -> str:
+    return link.partition("&open=")[2]
+
+
+def test_a_second_start_finds_the_first_and_the_last_tab_ends_it(user: User, photo: Path) -> None:
+    assert user.open(photo).returncode == 0
+    first = user.page
+    assert user.open().returncode == 0
+    assert user.page == first
+    given, empty = map(tab_of, user.links)
+    assert all(link.startswith(f"http://127.0.0.1:{first.port}/?token={first.token}") for link in user.links)
+    with user.client() as client:
+        assert client.get(f"/api/tabs/{given}/files").json() == [photo.name]
+        assert client.get(f"/api/tabs/{given}/files/0").content == photo.read_bytes()
+        assert client.get(f"/api/tabs/{empty}/files").json() == []
+        for tab in (given, empty):
+            assert client.post(f"/api/tabs/{tab}").status_code == 200
+        assert not list(user.folder.glob("*.html")), "the link is needed no more once its tab is there"
+        for tab in (given, empty):
+            assert client.delete(f"/api/tabs/{tab}").status_code == 204
+    assert becomes(lambda: not alive(first.pid))
+    assert described_page(user.folder) is None and not temporary_folders(user.home)
+    assert not list(user.folder.glob("open-*.json"))
+
+
+def test_a_page_that_was_killed_is_replaced(user: User) -> None:
+    assert user.open().returncode == 0
+    killed = user.page
+    os.kill(killed.pid, signal.SIGKILL)
+    assert becomes(lambda: not alive(killed.pid)) and user.page == killed
+    assert user.open().returncode == 0
+    assert user.page.pid != killed.pid and str(user.page.port) in user.links[-1]
+
+
+def test_two_starts_at_once_open_one_page(user: User) -> None:
+    words = [sys.executable, "-m", "unshutter", "open"]
+    environment = os.environ | {
+        "XDG_RUNTIME_DIR": str(user.home),
+        "TMPDIR": str(user.home),
+        "BROWSER": str(user.browser),
+    }
+    both = [subprocess.Popen(words, env=environment) for _ in range(2)]
+    assert [each.wait(2 * LONG_S) for each in both] == [0, 0]
+    assert len(user.links) == 2 and {link.partition("&")[0] for link in user.links} == {user.links[0].partition("&")[0]}
+
+
+class Foreign(BaseHTTPRequestHandler):
+    """Another program, which answers everything."""
+
+    def do_POST(self) -> None:
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(b'{"proof": "mine"}')
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_another_program_on_the_port_of_an_old_page_gets_no_visit(user: User) -> None:
+    assert user.open().returncode == 0
+    os.kill(user.page.pid, signal.SIGKILL)
+    killed = user.page
+    assert becomes(lambda: not alive(killed.pid))
+    with HTTPServer(("127.0.0.1", killed.port), Foreign) as foreign:
+        threading.Thread(target=foreign.serve_forever, daemon=True).start()
+        assert user.open().returncode == 0
+        foreign.shutdown()
+    assert user.page.port != killed.port and str(user.page.port) in user.links[-1]
+
+
+def test_served_pages_are_one_as_well(user: User) -> None:
+    assert user.open().returncode == 0
+    again = user.open("--until-closed", "--open", "--port", 0, command="serve")
+    assert again.returncode == 0 and f"the page runs already, as process {user.page.pid}" in again.stderr
+    assert len(user.links) == 2
+
+
+@pytest.mark.parametrize("harm", ["foreign mode", "link", "file"])
+def test_a_folder_that_others_could_use_is_refused(user: User, tmp_path: Path, harm: str) -> None:
+    match harm:
+        case "foreign mode":
+            user.folder.mkdir()
+            user.folder.chmod(0o777)
+        case "link":
+            user.folder.symlink_to(tmp_path)
+        case "file":
+            user.folder.write_text("")
+    refused = user.open()
+    assert refused.returncode == 1 and str(user.folder) in refused.stderr and refused.stderr.count("\n") == 1
+
+
+def test_what_cannot_be_opened_is_said_and_nothing_starts(user: User, tmp_path: Path) -> None:
+    refused = user.open(tmp_path / "no.jpg")
+    assert refused.returncode == 1 and "there is no file" in refused.stderr and refused.stderr.count("\n") == 1
+    assert not user.folder.exists()
+    refused = user.open("--until-closed", "--host", "0.0.0.0", "--i-know", command="serve")
+    assert refused.returncode == 2 and "leave out --host" in refused.stderr
+
+
+def test_a_folder_opens_its_photos_and_clips(user: User, photo: Path) -> None:
+    holiday = photo.parent / "holiday"
+    (holiday / ".cache").mkdir(parents=True)
+    for name in ("b.jpg", "a.mp4", "notes.txt", ".hidden.jpg", ".cache/c.jpg"):
+        (holiday / name).write_bytes(photo.read_bytes())
+    assert user.open(holiday).returncode == 0
+    with user.client() as client:
+        assert client.get(f"/api/tabs/{tab_of(user.links[0])}/files").json() == ["a.mp4", "b.jpg"]
+
+
+def test_a_start_without_a_browser_says_the_link(user: User) -> None:
+    user.browser.write_text("#!/bin/sh\nexit 1\n")
+    told = user.open(PATH="/nowhere", DISPLAY="", WAYLAND_DISPLAY="")
+    assert told.returncode == 1 and f"open http://127.0.0.1:{user.page.port}/?token=" in told.stderr
+
+
+def test_files_are_dropped_onto_the_page(user: User, photo: Path, chromium: Browser) -> None:
+    assert user.open(photo, photo.parent).returncode == 0
+    context = chromium.new_context()
+    page = context.new_page()
+    expect.set_options(timeout=SLOW_MS)
+    page.goto(user.links[0])
+    wait_for(page)
+    wait_for(page, number=2)
+    assert "open=" not in page.url and "token" not in page.url
+    page.reload()  # which starts empty, and does not end the server
+    expect(page.locator("#empty")).to_be_visible()
+    pid = user.page.pid
+    context.close()
+    assert becomes(lambda: not alive(pid))
+
+
+def test_only_one_process_claims_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = state_folder()
+    assert folder == tmp_path / "unshutter" and folder.stat().st_mode & 0o777 == 0o700
+    page = RunningPage(1, "token", "proof", os.getpid())
+    with only_page(folder) as first, only_page(folder) as second:
+        assert (first, second) == (True, False)
+        publish(folder, page)
+        assert described_page(folder) == page
+    assert described_page(folder) is None
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"port": "x", "token": 1, "proof": 2, "pid": 3}', "\0"])
+def test_a_damaged_description_is_none(tmp_path: Path, content: str) -> None:
+    (tmp_path / "page.json").write_text(content)
+    assert described_page(tmp_path) is None
+
+
+def test_an_old_description_is_answered_by_nobody(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    publish(tmp_path, RunningPage(port, "token", "proof", 1))
+    found = described_page(tmp_path)
+    assert found is not None and not found.announce("12345678")
+
+
+@pytest.mark.parametrize("runtime", ["", "relative", "/nowhere"])
+def test_without_a_runtime_folder_the_users_own_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runtime: str
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert state_folder() == tmp_path / "state" / "unshutter"
+
+
+def test_the_description_is_for_its_user_alone(user: User) -> None:
+    assert user.open().returncode == 0
+    assert user.folder.stat().st_mode & 0o077 == 0
+    assert json.loads((user.folder / "page.json").read_text())["pid"] == user.page.pid
