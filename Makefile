@@ -11,6 +11,7 @@ NAMED := $(if $(filter file,$(origin PYTHON)),,-$(VERSION))
 ENV := .venv$(or $(NAMED),-dev)
 NEWEST := .venv-newest$(NAMED)
 LOWEST := .venv-lowest$(NAMED)
+APP := .venv-app$(NAMED)
 BIN := $(ENV)/bin
 INSTALL := -m pip --disable-pip-version-check install -q --no-compile
 PIP := $(BIN)/python $(INSTALL) -c constraints.txt
@@ -28,7 +29,7 @@ PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 # said at the start, where nobody asked for some of the tests only
 SAY_HOW_LONG = $(if $(filter file,$(origin TESTS)),@echo "$(1) on two free cores; TESTS=tests/frames runs some of them")
 
-.PHONY: demo paper test test-all test-newest test-lowest fuzz lint prose types docs layers script bench benchmark results release-check clean dev dev-newest dev-lowest
+.PHONY: demo paper test test-all test-newest test-lowest fuzz lint prose types docs layers script bench benchmark results app release-check clean dev dev-newest dev-lowest
 
 demo: $(NEWEST)/core  ## rectify the photo that the repository ships, with what users get from pip
 	$(NEWEST)/bin/unshutter rectify src/unshutter/page/web/sample.jpg -o examples/demo.rectified.jpg --overwrite
@@ -91,10 +92,13 @@ benchmark: $(ENV)/dev  ## measures methods on sixteen places, without other data
 results: $(ENV)/dev  ## measures all methods (within an hour) and writes docs/results: make results DATA=../shared/data
 	$(BIN)/python lab/benchmarks/results.py $(DATA)
 
+app: $(APP)/app  ## the application to double-click: dist/app/unshutter, with Python and all extras
+	$(APP)/bin/pyinstaller --log-level WARN --noconfirm --distpath dist/app --workpath build/app application/unshutter.spec
+
 release-check:  ## builds what is published, and tries it in fresh environments; publishes nothing
 	.ci/release-check
 
-$(ENV)/python $(NEWEST)/python $(LOWEST)/python:
+$(ENV)/python $(NEWEST)/python $(LOWEST)/python $(APP)/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unshutter needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ...")'
 	$(PYTHON) -m venv $(@D)
 	@touch $@
@@ -115,6 +119,10 @@ $(LOWEST)/dev: $(LOWEST)/python pyproject.toml lab/pyproject.toml constraints.tx
 	$(PYTHON) .ci/lowest.py libraries > $(LOWEST)/libraries.txt
 	$(PYTHON) .ci/lowest.py tools > $(LOWEST)/tools.txt
 	$(PIP_LOWEST) -e '.[dev]' $(LAB)
+	@touch $@
+
+$(APP)/app: $(APP)/python pyproject.toml constraints.txt
+	$(APP)/bin/python $(INSTALL) -c constraints.txt -e '.[app]'
 	@touch $@
 
 clean:

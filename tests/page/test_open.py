@@ -8,17 +8,15 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
-import httpx
 import pytest
 from playwright.sync_api import Browser, expect
 
 from support.browser import SLOW_MS, wait_for
 from support.page_server import LONG_S, becomes, temporary_folders
+from support.page_user import User, alive, user_in
 from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder
 
 pytestmark = pytest.mark.skipif(
@@ -26,79 +24,10 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@dataclass
-class User:
-    """Somebody who opens the page, with a browser that keeps what it is told to open.
-
-    Attributes:
-        home: their folder, which has all that the page needs.
-    """
-
-    home: Path
-
-    @property
-    def folder(self) -> Path:
-        return self.home / "unshutter"
-
-    def open(self, *arguments: object, command: str = "open", **more: str) -> subprocess.CompletedProcess[str]:
-        words = [sys.executable, "-m", "unshutter", command, *map(str, arguments)]
-        environment = os.environ | {
-            "XDG_RUNTIME_DIR": str(self.home),
-            "TMPDIR": str(self.home),
-            "BROWSER": str(self.browser),
-        }
-        environment |= more
-        return subprocess.run(words, env=environment, capture_output=True, text=True, timeout=2 * LONG_S, check=False)
-
-    @property
-    def browser(self) -> Path:
-        return self.home / "browser"
-
-    @property
-    def links(self) -> list[str]:
-        """What the browser was led to, so far."""
-        files = (self.home / "opened").read_text().split() if (self.home / "opened").exists() else []
-        return [
-            Path(file.removeprefix("file://")).with_suffix(".seen").read_text().partition("url=")[2].partition('"')[0]
-            for file in files
-        ]
-
-    @property
-    def page(self) -> RunningPage:
-        page = described_page(self.folder)
-        assert page is not None
-        return page
-
-    def client(self) -> httpx.Client:
-        headers = {"Authorization": f"Bearer {self.page.token}"}
-        return httpx.Client(base_url=f"http://127.0.0.1:{self.page.port}", headers=headers, verify=False)
-
-
 @pytest.fixture
 def user(tmp_path: Path) -> Iterator[User]:
-    home = tmp_path / "user"
-    home.mkdir(mode=0o700)
-    user = User(home)
-    user.browser.write_text(
-        '#!/bin/sh\nfile=${1#file://}; cp "$file" "${file%.html}.seen"; echo "$1" >> "${0%/*}/opened"\n'
-    )
-    user.browser.chmod(0o755)
-    yield user
-    page = described_page(user.folder)
-    if page is not None:
-        with suppress(ProcessLookupError):
-            os.kill(page.pid, signal.SIGTERM)
-        assert becomes(lambda: not alive(page.pid))
-
-
-def alive(pid: int) -> bool:
-    with suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    return False
-
-
-def tab_of(link: str) -> str:
-    return link.partition("&open=")[2]
+    with user_in(tmp_path / "user") as user:
+        yield user
 
 
 def test_a_second_start_finds_the_first_and_the_last_tab_ends_it(user: User, photo: Path) -> None:
@@ -106,7 +35,7 @@ def test_a_second_start_finds_the_first_and_the_last_tab_ends_it(user: User, pho
     first = user.page
     assert user.open().returncode == 0
     assert user.page == first
-    given, empty = map(tab_of, user.links)
+    given, empty = user.tabs
     assert all(link.startswith(f"http://127.0.0.1:{first.port}/?token={first.token}") for link in user.links)
     with user.client() as client:
         assert client.get(f"/api/tabs/{given}/files").json() == [photo.name]
@@ -132,13 +61,7 @@ def test_a_page_that_was_killed_is_replaced(user: User) -> None:
 
 
 def test_two_starts_at_once_open_one_page(user: User) -> None:
-    words = [sys.executable, "-m", "unshutter", "open"]
-    environment = os.environ | {
-        "XDG_RUNTIME_DIR": str(user.home),
-        "TMPDIR": str(user.home),
-        "BROWSER": str(user.browser),
-    }
-    both = [subprocess.Popen(words, env=environment) for _ in range(2)]
+    both = [subprocess.Popen(user.program, env=user.environment) for _ in range(2)]
     assert [each.wait(2 * LONG_S) for each in both] == [0, 0]
     assert len(user.links) == 2 and {link.partition("&")[0] for link in user.links} == {user.links[0].partition("&")[0]}
 
@@ -169,7 +92,7 @@ def test_another_program_on_the_port_of_an_old_page_gets_no_visit(user: User) ->
 
 def test_served_pages_are_one_as_well(user: User) -> None:
     assert user.open().returncode == 0
-    again = user.open("--until-closed", "--open", "--port", 0, command="serve")
+    again = user.run(*user.program[:-1], "serve", "--until-closed", "--open", "--port", 0)
     assert again.returncode == 0 and f"the page runs already, as process {user.page.pid}" in again.stderr
     assert len(user.links) == 2
 
@@ -192,7 +115,7 @@ def test_what_cannot_be_opened_is_said_and_nothing_starts(user: User, tmp_path: 
     refused = user.open(tmp_path / "no.jpg")
     assert refused.returncode == 1 and "there is no file" in refused.stderr and refused.stderr.count("\n") == 1
     assert not user.folder.exists()
-    refused = user.open("--until-closed", "--host", "0.0.0.0", "--i-know", command="serve")
+    refused = user.run(*user.program[:-1], "serve", "--until-closed", "--host", "0.0.0.0", "--i-know")
     assert refused.returncode == 2 and "leave out --host" in refused.stderr
 
 
@@ -203,7 +126,7 @@ def test_a_folder_opens_its_photos_and_clips(user: User, photo: Path) -> None:
         (holiday / name).write_bytes(photo.read_bytes())
     assert user.open(holiday).returncode == 0
     with user.client() as client:
-        assert client.get(f"/api/tabs/{tab_of(user.links[0])}/files").json() == ["a.mp4", "b.jpg"]
+        assert client.get(f"/api/tabs/{user.tabs[0]}/files").json() == ["a.mp4", "b.jpg"]
 
 
 def test_a_start_without_a_browser_says_the_link(user: User) -> None:

@@ -14,7 +14,6 @@ from unshutter.page.settings import Settings
 from unshutter.page.tabs import Tabs
 
 HEADERS = {"Authorization": f"Bearer {TOKEN}"}
-TICK_S = 0.01
 
 
 def lasted(tabs: Tabs, *events: tuple[float, str, str]) -> float:
@@ -31,8 +30,8 @@ def lasted(tabs: Tabs, *events: tuple[float, str, str]) -> float:
     return asyncio.run(run())
 
 
-def quick(**more: float) -> Tabs:
-    return Tabs(**({"opening_s": 1.0, "silent_s": 1.0, "closed_s": 0.1, "tick_s": TICK_S} | more))
+def quick(opening_s: float = 1.0, silent_s: float = 1.0) -> Tabs:
+    return Tabs(opening_s=opening_s, silent_s=silent_s, closed_s=0.1, tick_s=0.01)
 
 
 def test_it_waits_for_the_first_tab_but_not_without_end() -> None:

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FOR_DEVELOPERS = {"dev", "docs"}
+FOR_DEVELOPERS = {"app", "dev", "docs"}
 
 
 def test_all_are_in_one_extra_but_that_for_an_example() -> None:
