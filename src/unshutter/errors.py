@@ -264,7 +264,9 @@ def choices(word: str, known: Iterable[str], group: str) -> str:
     """Suggests a name instead of an unknown one; ``group`` is that of the packages which may add more."""
     known = list(known)
     more = "" if plugins(group) else f"; unshutter-lab adds more: {lab()}"
-    return suggestion(word, known) or f"choose one of {', '.join(known)}{more}"
+    is_variant = any(word.startswith(f"{name}-") for name in known)  # such as kandula2020-research
+    close = "" if more and is_variant else suggestion(word, known)
+    return close or f"choose one of {', '.join(known)}{more}"
 
 
 def _sources() -> Path | None:

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib.metadata import EntryPoints
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,19 @@ def test_wrong_names_are_told_in_one_line(name: str, told: str) -> None:
         with pytest.raises(UsageError, match=told) as error:
             refuse(name)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("kandula2020-research", "choose one of .*, kandula2020, none; unshutter-lab adds more: "),
+        ("kandula2021", r"did you mean kandula2020\?$"),
+    ],
+)
+def test_a_method_of_the_laboratory_says_what_to_install(name: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("unshutter.errors.plugins", lambda group: EntryPoints())
+    with pytest.raises(UsageError, match=told):
+        load(name)
 
 
 def test_weights_that_are_replaced_are_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
