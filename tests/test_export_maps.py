@@ -128,8 +128,8 @@ def test_a_photo_gives_the_map_of_its_estimate(tmp_path: Path, rolling_facade: n
     before = photo.read_bytes()
     arguments = ["--reference", "middle", "--readout", "bottom-to-top"]
     assert main(["map", str(photo), "-o", str(tmp_path / "m.npz"), *arguments]) == 0
-    motion = unshutter.estimate(photo, reference="middle", readout="bottom-to-top")
-    expected = PixelMap.of(motion)
+    found = unshutter.estimate(photo, reference="middle", readout="bottom-to-top")
+    expected = PixelMap.of(found.motion)
     with np.load(tmp_path / "m.npz") as maps:
         assert np.array_equal(maps["map_x"], expected.col)
         assert np.array_equal(maps["map_y"], expected.row)
@@ -158,7 +158,7 @@ def test_maps_are_for_stored_pixels_whatever_the_orientation(tmp_path: Path, rol
 def test_size_scales_the_map(tmp_path: Path, readout: str) -> None:
     motion = stored(tmp_path, shake(readout))
     small = map_file(motion, tmp_path / "small.npz", size=f"{WIDTH // 2}x{HEIGHT // 2}")
-    assert small.readout.frame_size(small.height, small.width) == (HEIGHT // 2, WIDTH // 2)
+    assert small.motion.readout.frame_size(small.motion.height, small.motion.width) == (HEIGHT // 2, WIDTH // 2)
     map_file(motion, tmp_path / "whole.npz")
     with np.load(tmp_path / "small.npz") as half, np.load(tmp_path / "whole.npz") as whole:
         for key in ("map_x", "map_y"):
@@ -168,11 +168,11 @@ def test_size_scales_the_map(tmp_path: Path, readout: str) -> None:
 
 def test_reference_of_a_motion_file(tmp_path: Path) -> None:
     source = stored(tmp_path, shake())
-    assert map_file(source, tmp_path / "a.npz").reference == "first"
-    motion = map_file(source, tmp_path / "b.npz", reference="middle")
+    assert map_file(source, tmp_path / "a.npz").motion.reference == "first"
+    found = map_file(source, tmp_path / "b.npz", reference="middle")
     with np.load(tmp_path / "b.npz") as maps:
         assert np.abs(maps["map_x"][HEIGHT // 2] - np.arange(WIDTH)).max() < 0.01  # that row stays where it is
-    assert motion.reference == "middle"
+    assert found.motion.reference == "middle"
 
 
 # ---- refused ------------------------------------------------------------------------------------------------
@@ -260,7 +260,7 @@ def test_what_is_known_of_the_camera_reaches_the_estimate(tmp_path: Path, rollin
         target = tmp_path / f"{flag}.npz"
         assert main(["map", str(photo), "-o", str(target), flag, str(*told.values())]) == 0
         columns.append(np.load(target)["map_x"])
-        np.testing.assert_array_equal(columns[-1], PixelMap.of(unshutter.estimate(photo, **told)).col)
+        np.testing.assert_array_equal(columns[-1], PixelMap.of(unshutter.estimate(photo, **told).motion).col)
     assert (columns[0] != columns[1]).any() and (columns[1] != columns[2]).any()
 
 

@@ -32,10 +32,10 @@ def photo(tmp_path: Path) -> Path:
 def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
     left = unshutter.rectify(photo, estimator=UNSURE)
     assert not left.changed
-    assert left.reason == str(left.motion.reason)
+    assert left.reason == str(left.verdict.carried_out.reason)
     assert left.reason.startswith("not sure: it would help with a probability of 0.")
-    assert left.motion.is_zero and left.motion.confidence == as_stated(MIN_CONFIDENCE / 2)
-    assert left.found.largest_px == pytest.approx(9)
+    assert left.motion.is_zero and left.found.confidence == as_stated(MIN_CONFIDENCE / 2)
+    assert left.found.motion.largest_px == pytest.approx(9)
     assert left.valid.all()
     for options in (
         {"estimator": SURE},
@@ -54,7 +54,7 @@ def test_without_a_least_confidence_the_likeliest_motion_is_undone(facade_canvas
     left, moved = unshutter.rectify(photo), unshutter.rectify(photo, min_confidence=0)
     assert not left.changed
     assert moved.changed and moved.verdict.largest_px > 0.5
-    assert moved.motion.confidence is not None and moved.motion.confidence < 0.5
+    assert moved.found.confidence is not None and moved.found.confidence < 0.5
 
 
 def test_who_asks_for_the_likeliest_motion() -> None:

@@ -20,8 +20,9 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from unshutter.cli import main as unshutter
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.photo import Photo
+from unshutter.reasons import MotionSource
 from unshutter.run import bursts
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.rotation_log import RotationLog
@@ -47,10 +48,10 @@ def errors(folder: Path, out: Path, camera: TurningCamera, *flags: str) -> list[
     """Error of the motion found of each photo [px of 256 rows]; NaN for one that was judged by itself in a burst."""
     words = ["rectify", str(folder), "-o", str(out), "--save-motion", str(out), "--focal-px", str(FOCAL), *flags]
     assert unshutter(words) == 0
-    motions = [Motion.load(out / f"{k}.json") for k in range(camera.frames)]
-    by_burst = [motion.estimator == "frames-camera" for motion in motions]
-    found = [motion_error(motion, camera.motion(k)).epe for k, motion in enumerate(motions)]
-    return [error if flags or used else np.nan for error, used in zip(found, by_burst, strict=True)]
+    findings = [Finding.load(out / f"{k}.json") for k in range(camera.frames)]
+    by_burst = [found.source is MotionSource.NEIGHBOURS for found in findings]
+    errors = [motion_error(found.motion, camera.motion(k)).epe for k, found in enumerate(findings)]
+    return [error if flags or used else np.nan for error, used in zip(errors, by_burst, strict=True)]
 
 
 def main() -> None:

@@ -19,7 +19,6 @@ import numpy as np
 
 from unshutter.api import motion_of_lines
 from unshutter.motion import Motion, RowMotion
-from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
 from unshutter.options import Undo
 from unshutter.photo import Photo
@@ -80,8 +79,8 @@ def _exams(folders: list[Path], declined: bool) -> Iterator[tuple[str, Exam]]:
                     continue
                 exam = SyntheticCase(suite, folder.name, paths[k].name, paths[k], draw, 0).exam()
                 if declined:
-                    motion = find_candidates(estimator, exam.view)[0].motion
-                    if judge(Finding(motion), Undo()).changes or _error(None, exam.truth) < 1:
+                    finding = find_candidates(estimator, exam.view)[0].finding
+                    if judge(finding, Undo()).changes or _error(None, exam.truth) < 1:
                         continue
                 yield f"{folder.name} {paths[k].stem} {draw + 1}", exam
 

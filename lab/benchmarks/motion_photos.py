@@ -20,7 +20,6 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.motion_photo import film_motion
 from unshutter.motion import RowMotion
-from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
@@ -75,10 +74,11 @@ def main() -> None:
             start = time.process_time()
             evidence = film_motion(View(photo, Camera(focal_px=case.focal_px)))
             seconds.append(time.process_time() - start)
-            truth, motion = case.motion(), evidence.motion if evidence else None
+            truth, found = case.motion(), evidence.finding if evidence else None
+            motion = None if found is None else found.motion
             zero = RowMotion.zero(HEIGHT, WIDTH)
             nothing.append(motion_error(zero, truth).epe)
-            undone += motion is not None and judge(Finding(motion).fit(HEIGHT, WIDTH), Undo()).changes
+            undone += found is not None and judge(found.fit(HEIGHT, WIDTH), Undo()).changes
             if motion is not None and not motion.is_zero:
                 errors.append(motion_error(motion, truth).epe)
                 answers.append(f"moved ({motion.largest_px * 256 / HEIGHT:.1f})")

@@ -21,7 +21,6 @@ import cv2
 import numpy as np
 
 from unshutter.motion import Motion, RowMotion
-from unshutter.motion.finding import Finding
 from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.rectified import render
 from unshutter.motion.upright import Pose
@@ -55,7 +54,7 @@ def main() -> None:
     paths = sorted(path for folder in arguments.folders for path in folder.rglob("*.jpg"))[: arguments.photos]
     for number, path in enumerate(paths):
         photo = Photo.open(path)
-        held = find_candidates(estimator, View(photo))[0].motion.held_at_rest
+        held = find_candidates(estimator, View(photo))[0].finding.held_at_rest
         if held is None or held.tilt_deg is None or max(abs(held.tilt_deg), 3 * abs(held.roll_deg)) > _MOST_TILT_DEG:
             continue
         for kind in ["still", "drawn", "recorded"][: 3 if logs else 2]:
@@ -64,9 +63,9 @@ def main() -> None:
             rs, truth = _taken(photo, roll, _motion(kind, rng, logs))
             true = replace(held, roll_deg=held.roll_deg + roll, focal=held.focal * photo.height / len(rs))
             view = View(Photo.from_array(rs), Camera(focal_px=View(photo).known_focal_px()), View(photo).focal_px())
-            found, shown = find_candidates(estimator, view)[0].motion, [rs]
+            found, shown = find_candidates(estimator, view)[0].finding, [rs]
             for wish in (None, "level", "full"):
-                verdict = judge(Finding(found).fit(*rs.shape[:2]), Undo(upright=wish))
+                verdict = judge(found.fit(*rs.shape[:2]), Undo(upright=wish))
                 done = render(view.photo, verdict, "keep")
                 errors = _left(done.motion, verdict.upright, truth, true, wish != "full")
                 if wish is None and not verdict.changes:

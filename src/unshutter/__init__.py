@@ -2,15 +2,15 @@
 
     import unshutter
     unshutter.rectify("street.jpg").save("street.rectified.jpg")
-    motion = unshutter.estimate("street.jpg")
+    found = unshutter.estimate("street.jpg")
 
 Everything listed here is public; the modules that hold it are not.
 
-One photo       rectify -> Rectified, estimate -> Motion, candidates -> Candidate, Photo, DrawnLine
-Frames          rectify_frames -> RectifiedFrame, estimate_frames -> Motion
+One photo       rectify -> Rectified, estimate -> Finding, candidates -> Candidate, Photo, DrawnLine
+Frames          rectify_frames -> RectifiedFrame, estimate_frames -> Finding
 Clips           rectify_clip -> ClipOutcome, rectify_clip_frames -> arrays
 3D models       camera_poses -> CameraPoses, which has PicturePoses
-Motions         Motion: RowMotion, RotationMotion; Readout
+Motions         Motion: RowMotion, RotationMotion; Readout; Finding, what is known of one
 Methods         load -> Estimator, which gets a View; Method
 Errors          UnshutterError: UsageError, MissingFileError
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from unshutter.frames.sequence import estimate_frames
     from unshutter.frames.sequence_rectification import RectifiedFrame, rectify_frames
     from unshutter.motion import Motion, RotationMotion, RowMotion
-    from unshutter.motion.finding import Candidate
+    from unshutter.motion.finding import Candidate, Finding
     from unshutter.motion.rectified import Rectified
     from unshutter.orientation import Readout
     from unshutter.photo import Photo
@@ -45,6 +45,7 @@ __all__ = [
     "ClipOutcome",
     "DrawnLine",
     "Estimator",
+    "Finding",
     "Method",
     "MissingFileError",
     "Motion",
@@ -75,7 +76,7 @@ _HOMES = {
     "frames.sequence": ("estimate_frames",),
     "frames.sequence_rectification": ("RectifiedFrame", "rectify_frames"),
     "motion": ("Motion", "RotationMotion", "RowMotion"),
-    "motion.finding": ("Candidate",),
+    "motion.finding": ("Candidate", "Finding"),
     "motion.rectified": ("Rectified",),
     "orientation": ("Readout",),
     "photo": ("Photo",),

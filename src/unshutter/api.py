@@ -30,15 +30,20 @@ from unshutter.storage.opened import Opened
 
 
 def _rectify(
-    photo: AnyPhoto, estimator: str | Estimator, motion: Motion | str | os.PathLike[str] | None, how: Find, undo: Undo
+    photo: AnyPhoto,
+    estimator: str | Estimator,
+    motion: Finding | Motion | str | os.PathLike[str] | None,
+    how: Find,
+    undo: Undo,
 ) -> Rectified:
     how, loaded = _chosen(estimator, how)
     given = None
     if motion is not None:
         how.check_unused()
         undo = undo.at_any_confidence()
-        check_type("motion", motion, (Motion, str, os.PathLike), "a Motion or the path of a motion file")
-        given = Finding(motion if isinstance(motion, Motion) else Motion.load(motion))
+        check_type("motion", motion, (Finding, Motion, str, os.PathLike), "a Finding, a Motion or a motion file's path")
+        given = Finding(motion) if isinstance(motion, Motion) else motion
+        given = given if isinstance(given, Finding) else Finding.load(given)
     source = open_photo(photo)
     if isinstance(motion, (str, os.PathLike)):
         source = replace(source, made_from=(*source.made_from, Opened.at(motion)))
@@ -56,7 +61,7 @@ def rectify(
     photo: AnyPhoto,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
-    motion: Motion | str | os.PathLike[str] | None = None,
+    motion: Finding | Motion | str | os.PathLike[str] | None = None,
     readout: str = "auto",
     focal_px: float | None = None,
     roll_deg: float | None = None,
@@ -80,8 +85,8 @@ def rectify(
         photo: path, encoded file as bytes or open in binary mode, pixels [H, W] or [H, W, 1..4] (uint8, uint16, or
             floating point from 0 to 1), Pillow image (only its pixels are used), or a Photo.
         estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
-        motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
-            when its aspect fits.
+        motion: undo this motion, or that of this finding or motion file, instead of estimating one; it is resized to
+            the photo when its aspect fits.
 
     Returns:
         The new picture, as ``.array``, ``.image``, ``.bytes`` or by ``.save()``, and what was found and done. It may
@@ -112,16 +117,16 @@ def _estimate(
     lines: Sequence[DrawnLine] | str | os.PathLike[str] | None,
     how: Find,
     undo: Undo,
-) -> Motion:
+) -> Finding:
     how, loaded = _chosen(estimator, how)
     row = undo.reference or "first"
     source = open_photo(photo)
     check_size(source.height, source.width)
     if lines is None:
-        return find(source, how, loaded).choose(how.candidate).motion.rereferenced(row)
+        return find(source, how, loaded).choose(how.candidate).rereferenced(row)
     check_type("lines", lines, (Sequence, os.PathLike), "a list of DrawnLine or the path of a file of lines")
     drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
-    return motion_of_lines(source, drawn, how.camera).motion.rereferenced(row)
+    return motion_of_lines(source, drawn, how.camera).finding.rereferenced(row)
 
 
 @implemented_by(_estimate, how=Find, undo=Undo)
@@ -140,7 +145,7 @@ def estimate(
     no_film: bool = False,
     candidate: int | None = None,
     reference: Reference | None = None,
-) -> Motion:
+) -> Finding:
     """Finds how the camera moved while the photo was read out.
 
     Args:
@@ -150,15 +155,18 @@ def estimate(
             no confidence.
 
     Returns:
-        The motion at the photo's full size; zero, with a ``reason``, if the photo does not show enough.
+        The ``motion`` at the photo's full size, and how sure it is; zero, with a ``reason``, if the photo does not show
+        enough.
 
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
 
     Examples:
-        >>> motion = unshutter.estimate("street.jpg")
-        >>> len(motion.tx_px) == motion.height  # a number for each row
+        >>> found = unshutter.estimate("street.jpg")
+        >>> len(found.motion.tx_px) == found.motion.height  # a number for each row
         True
+        >>> found.confidence
+        0.9...
     """
     ...
 
@@ -201,7 +209,7 @@ def candidates(
             single candidate is chosen.
 
     Examples:
-        >>> [candidate.motion.confidence for candidate in unshutter.candidates("house.jpg")][:1]
+        >>> [candidate.finding.confidence for candidate in unshutter.candidates("house.jpg")][:1]
         [0.9...]
     """
     ...

@@ -98,7 +98,7 @@ def map_file(
     inverse: bool = False,
     size: str | None = None,
     overwrite: bool = False,
-) -> Motion:
+) -> Finding:
     """Writes the map of a photo or a motion file.
 
     Args:
@@ -111,10 +111,10 @@ def map_file(
         size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
 
     Returns:
-        The motion that the map applies.
+        The motion that the map applies, and what is known of it.
 
     Examples:
-        >>> motion = map_file(Path("street.jpg"), Path("street.npz"))
+        >>> found = map_file(Path("street.jpg"), Path("street.npz"))
         >>> sorted(np.load("street.npz"))
         ['map_x', 'map_y']
     """
@@ -125,15 +125,15 @@ def map_file(
     map_size = None if size is None else _parse_size(size)
     if source.suffix.lower() == ".json":
         find.check_unused()
-        motion = Motion.load(source)
-        height, width = motion.readout.frame_size(motion.height, motion.width)
-        finding = Finding(motion).fit(height, width, find.camera.readout)
+        finding = Finding.load(source)
+        motion = finding.motion
+        finding = finding.fit(*motion.readout.frame_size(motion.height, motion.width), find.camera.readout)
     else:
         finding = find_motion(open_photo(source), find).choose(find.candidate)
-    motion = finding.motion.rereferenced(reference or finding.motion.reference)
-    motion = Finding(motion).fit(*map_size).motion if map_size else motion
-    PixelMap.of(motion, inverse).save(output, overwrite)
-    return motion
+    finding = finding.rereferenced(reference or finding.motion.reference)
+    finding = finding.fit(*map_size) if map_size else finding
+    PixelMap.of(finding.motion, inverse).save(output, overwrite)
+    return finding
 
 
 def _parse_size(size: str) -> tuple[int, int]:
@@ -315,12 +315,13 @@ def _number(field: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
+def plot_motion(found: Finding, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
     """Plots t_x [px] and r_z [deg] against the row, top row first, into a PNG, SVG or PDF file.
 
     The title states how far the motion moves the photo, or why the photo would be left unchanged.
     With the readout time, speeds are also plotted: across and along the rows [px/s], and angular [deg/s].
     """
+    motion = found.motion
     curves = {"t_x [px]": motion.tx_px, "r_z [deg]": np.degrees(motion.rz_rad)}
     if readout_ms is not None:
         speed = Speed.of(motion, readout_ms)
@@ -337,8 +338,8 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
         axis.set_xlabel(label)
     axes[0].set_ylabel("row")
     axes[0].invert_yaxis()
-    name = f"{title} ({motion.estimator})" if title else motion.estimator
-    verdict = judge(Finding(motion), Undo())
+    name = f"{title} ({found.estimator})" if title else found.estimator
+    verdict = judge(found, Undo())
     about = verdict.described() if verdict.changes else f"left unchanged ({verdict.described()})"
     figure.suptitle(f"{name}\n{about}", fontsize=10)
     _save(figure, Path(path))

@@ -25,9 +25,13 @@ class Cause(StrEnum):
 
 
 class MotionSource(StrEnum):
-    """Source of a motion that was not estimated from the photo's pixels."""
+    """Where a motion comes from."""
 
+    PIXELS = "pixels"  # a method that sees the photo
     FILM = "film"  # the film inside the photo
+    NEIGHBOURS = "neighbours"  # the frames before and after it, or its burst
+    HAND = "hand"  # a person, with lines or numbers
+    GIVEN = "given"  # a motion file, or a motion passed in Python
 
 
 class Worded(StrEnum):

@@ -277,7 +277,7 @@ def test_synthesize_then_rectify_with_the_true_motion(
 
 def test_python_takes_files_bytes_and_arrays(photo: Path, rolling_facade: np.ndarray) -> None:
     by_path = unshutter.rectify(photo)
-    assert by_path.motion.estimator == "segment-manhattan"
+    assert by_path.found.estimator == "segment-manhattan"
     assert by_path.valid.shape == by_path.original.pixels.shape[:2]  # before any crop
     by_path.save(photo.parent / "a.png")
     data = unshutter.rectify(photo.read_bytes()).bytes

@@ -19,11 +19,12 @@ from support.motion_photos import FILM, item, motion_photo, packet
 from unshutter.cli import main
 from unshutter.frames import motion_photo as film_module
 from unshutter.frames.motion_photo import Film, film_motion, motion_by
+from unshutter.motion.finding import Finding
 from unshutter.options import Camera
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
 from unshutter.photo.film import PhotoFilm
-from unshutter.reasons import Cause, Code
+from unshutter.reasons import Cause, Code, MotionSource
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.clip import FilmedStill, Stabilisation
@@ -66,8 +67,9 @@ def error_px(motion, case):
 
 def test_the_film_says_how_the_still_moved(hurried):
     case, data = hurried
-    motion = evidence_of(data).motion
-    assert motion.estimator == "film" and motion.confidence > 0.9
+    found = evidence_of(data).finding
+    motion = found.motion
+    assert (found.estimator, found.source) == ("film", MotionSource.FILM) and found.confidence > 0.9
     assert error_px(motion.scaled(0), case) > 1
     assert error_px(motion, case) < 0.5
 
@@ -75,10 +77,10 @@ def test_the_film_says_how_the_still_moved(hurried):
 def test_a_photo_is_rectified_by_its_film(hurried, tmp_path, capsys):
     _, data = hurried
     result = unshutter.rectify(data, focal_px=FOCAL)
-    assert result.changed and result.motion.estimator == "film"
+    assert result.changed and result.found.source is MotionSource.FILM
     assert result.verdict.described().endswith("(by the film inside it)")
     assert result.verdict.as_json()["source"] == "film"
-    assert unshutter.estimate(data, estimator="none").is_zero
+    assert unshutter.estimate(data, estimator="none").motion.is_zero
 
 
 def test_no_film_leaves_the_film_alone(hurried, tmp_path):
@@ -96,7 +98,7 @@ def test_a_still_that_software_has_turned_shows_its_readout_by_its_film(hurried)
     photo = Photo.from_bytes(data)
     film = data[data.index(b"ftyp") - 4 :]
     turned = motion_photo(np.rot90(photo.pixels[..., 0], -1).copy(), _packet(film), film)
-    motion = evidence_of(turned).motion
+    motion = evidence_of(turned).finding.motion
     assert motion.readout is Readout.RIGHT_TO_LEFT or motion.readout is Readout.LEFT_TO_RIGHT
     assert np.array_equal(motion.readout.turn(np.rot90(photo.pixels, -1)), photo.pixels)
     assert error_px(replace(motion, readout=Readout.TOP_TO_BOTTOM), case) < 0.5
@@ -110,7 +112,7 @@ def _packet(film):
 @pytest.mark.parametrize("stabilisation", [Stabilisation.FRAMES, Stabilisation.ROWS])
 def test_a_stabilised_film_is_not_believed(stabilisation):
     evidence = evidence_of(filmed(stabilisation=stabilisation).motion_photo(scene()))
-    assert evidence.motion is None and evidence.reason.code is Code.FILM_STABILISED
+    assert evidence.finding is None and evidence.reason.code is Code.FILM_STABILISED
 
 
 def test_a_photo_says_that_its_film_is_stabilised_and_not_used(tmp_path, capsys):
@@ -119,9 +121,9 @@ def test_a_photo_says_that_its_film_is_stabilised_and_not_used(tmp_path, capsys)
     assert main([*words, "-o", str(tmp_path / "out.jpg"), "--json-log", str(log)]) == 0
     assert "; the film inside it is stabilised: not used" in capsys.readouterr().err
     assert '"film": {"code": "film-stabilised"' in log.read_text()
-    motion = unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL)
-    assert motion.film.code is Code.FILM_STABILISED
-    assert type(motion).from_json(motion.to_json()).film == motion.film
+    found = unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL)
+    assert found.film.code is Code.FILM_STABILISED
+    assert Finding.from_json(found.to_json()).film == found.film
     assert unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL, no_film=True).film is None
 
 
@@ -129,13 +131,13 @@ def test_a_camera_that_stood_still_is_left_alone():
     data = filmed(moving=False).motion_photo(scene())
     result = unshutter.rectify(data, focal_px=FOCAL)
     assert not result.changed and result.verdict.cause is Cause.NO_MOTION
-    assert result.motion.reason.code is Code.FILM_STOOD_STILL
+    assert result.found.reason.code is Code.FILM_STOOD_STILL
 
 
 def test_an_even_pan_has_a_usual_readout_time_and_says_how_unsure_that_is():
     slow, fast = (filmed(log_of(lambda t, r=rate: 0 * t + r, *[lambda t: 0 * t] * 2)) for rate in (12.0, 40.0))
-    of_slow, of_fast = (evidence_of(case.motion_photo(scene())).motion for case in (slow, fast))
-    assert error_px(of_slow, slow) < 0.5 < error_px(of_slow.scaled(0), slow)
+    of_slow, of_fast = (evidence_of(case.motion_photo(scene())).finding for case in (slow, fast))
+    assert error_px(of_slow.motion, slow) < 0.5 < error_px(of_slow.motion.scaled(0), slow)
     assert of_fast.expected_error > 1.5 * of_slow.expected_error
 
 
@@ -169,7 +171,7 @@ def test_a_film_that_was_cut_off_says_nothing(hurried):
     film = data[data.index(b"ftyp") - 4 :]
     cut = film[: len(film) // 20]
     evidence = evidence_of(motion_photo(textured(HEIGHT, WIDTH), _packet(cut), cut))
-    assert evidence is None or evidence.motion is None
+    assert evidence is None or evidence.finding is None
 
 
 @pytest.mark.parametrize("seed", [0, *map(thorough, range(1, 4))])
@@ -180,7 +182,7 @@ def test_a_damaged_film_says_nothing_or_something(hurried, seed):
         film[at] = rng.integers(256)
     whole = data[: len(data) - len(film)] + bytes(film)
     evidence = evidence_of(whole)
-    assert evidence is None or evidence.reason is not None or np.isfinite(evidence.motion.rz_rad).all()
+    assert evidence is None or evidence.reason is not None or np.isfinite(evidence.finding.motion.rz_rad).all()
 
 
 def test_frames_that_show_nothing_say_nothing(hurried):
@@ -227,5 +229,5 @@ def test_a_heic_has_its_film_in_a_box(hurried):
     heif = heic(np.repeat(Photo.from_bytes(data).pixels[..., :1], 3, axis=2))
     boxed = heif + struct.pack(">I4s", len(film) + 8, b"mpvd") + film
     assert Photo.from_bytes(boxed).film().place == film
-    assert error_px(evidence_of(boxed).motion, case) < 0.5
+    assert error_px(evidence_of(boxed).finding.motion, case) < 0.5
     assert Photo.from_bytes(heif).film() is None

@@ -15,9 +15,9 @@ from unshutter_lab.evaluation.metrics import motion_error
 
 
 def errors(frames, moving, **options):
-    motions = list(estimate_frames(frames, **options))
-    assert len(motions) == moving.frames
-    return [motion_error(motion, moving.motion(k)).epe for k, motion in enumerate(motions)]
+    findings = list(estimate_frames(frames, **options))
+    assert len(findings) == moving.frames
+    return [motion_error(found.motion, moving.motion(k)).epe for k, found in enumerate(findings)]
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.9])
@@ -30,7 +30,7 @@ def test_motions_are_true_with_the_ratio_given(ratio):
 def test_ratio_and_focal_length_are_found_where_they_are_not_given():
     moving, frames = clip(hand(4), 0.6, frames=45)
     camera = CameraMotion()
-    motions = [frame.motion("middle") for frame in camera.frames(frames)]
+    motions = [frame.finding("middle").motion for frame in camera.frames(frames)]
     assert camera.ratio.value == pytest.approx(0.6, abs=0.04)
     assert {motion.reference for motion in motions} == {"middle"}
     truth = [moving.motion(k) for k in range(45)]
@@ -49,21 +49,21 @@ def test_long_sequences_are_seamless():
 def test_a_readout_along_columns():
     moving, frames = clip(hand(4), 0.9, frames=12)
     turned = [np.ascontiguousarray(np.rot90(frame)) for frame in frames]  # row 0 becomes the first column
-    motions = list(estimate_frames(turned, readout_ratio=0.9, readout="left-to-right", focal_px=FOCAL))
-    assert (motions[5].height, motions[5].width) == (HEIGHT, WIDTH)
-    assert motion_error(motions[5], moving.motion(5)).epe < 0.3
+    findings = list(estimate_frames(turned, readout_ratio=0.9, readout="left-to-right", focal_px=FOCAL))
+    assert (findings[5].motion.height, findings[5].motion.width) == (HEIGHT, WIDTH)
+    assert motion_error(findings[5].motion, moving.motion(5)).epe < 0.3
 
 
 def test_a_still_camera_has_no_motion_with_and_without_a_ratio():
     _, frames = clip(still(), frames=8, noise=3)
     for options in ({}, {"readout_ratio": 0.8}):
-        motions = list(estimate_frames(frames, **options))
-        assert all(motion.is_zero and str(motion.reason) == "the camera stood still" for motion in motions)
+        findings = list(estimate_frames(frames, **options))
+        assert all(found.motion.is_zero and str(found.reason) == "the camera stood still" for found in findings)
 
 
 def test_identical_frames_have_no_motion():
     frame = textured(HEIGHT, WIDTH)
-    assert all(motion.is_zero for motion in estimate_frames([frame] * 3, readout_ratio=1.0))
+    assert all(found.motion.is_zero for found in estimate_frames([frame] * 3, readout_ratio=1.0))
 
 
 def test_people_before_a_still_camera_do_not_bend_it():
@@ -71,43 +71,43 @@ def test_people_before_a_still_camera_do_not_bend_it():
     person = textured(110, 90, bands=1)[::-1, ::-1, 0]
     for k, frame in enumerate(frames):
         frame[60:170, 20 + 6 * k : 110 + 6 * k] = person
-    motions = list(estimate_frames(frames, readout_ratio=0.9))
-    assert all(motion.is_zero for motion in motions)
-    assert {str(motion.reason) for motion in motions} == {str(Reason(Code.ONLY_OTHERS_MOVED))}
+    findings = list(estimate_frames(frames, readout_ratio=0.9))
+    assert all(found.motion.is_zero for found in findings)
+    assert {str(found.reason) for found in findings} == {str(Reason(Code.ONLY_OTHERS_MOVED))}
 
 
 def test_a_steady_pan_is_undone_with_the_ratio_and_left_alone_without():
     moving, frames = clip(pan(), 0.8, frames=30)
     assert max(errors(frames, moving, readout_ratio=0.8, focal_px=FOCAL)) < 0.3
-    motions = list(estimate_frames(frames))
-    assert all(motion.is_zero and "readout ratio cannot be found" in str(motion.reason) for motion in motions)
+    findings = list(estimate_frames(frames))
+    assert all(found.motion.is_zero and "readout ratio cannot be found" in str(found.reason) for found in findings)
 
 
 def test_a_cut_parts_the_sequence():
     moving, frames = clip(pan(), 0.8, frames=6)
     elsewhere = textured(HEIGHT, WIDTH, bands=1)[::-1, :, 0]
-    motions = list(estimate_frames([*frames[:3], elsewhere, *frames[3:]], readout_ratio=0.8, focal_px=FOCAL))
-    assert motions[3].is_zero and "another scene" in str(motions[3].reason)
-    assert [motion.is_zero for motion in motions] == [False] * 3 + [True] + [False] * 3
-    assert motion_error(motions[1], moving.motion(1)).epe < 0.2
+    findings = list(estimate_frames([*frames[:3], elsewhere, *frames[3:]], readout_ratio=0.8, focal_px=FOCAL))
+    assert findings[3].motion.is_zero and "another scene" in str(findings[3].reason)
+    assert [found.motion.is_zero for found in findings] == [False] * 3 + [True] + [False] * 3
+    assert motion_error(findings[1].motion, moving.motion(1)).epe < 0.2
 
 
 def test_frames_of_another_size_part_the_sequence():
     _, frames = clip(pan(), 0.8, frames=3)
     small = textured(HEIGHT - 20, WIDTH, bands=1)[..., 0]
-    motions = list(estimate_frames([*frames, small], readout_ratio=0.8))
-    assert motions[3].height == HEIGHT - 20 and "another size" in str(motions[3].reason)
+    findings = list(estimate_frames([*frames, small], readout_ratio=0.8))
+    assert findings[3].motion.height == HEIGHT - 20 and "another size" in str(findings[3].reason)
 
 
 def test_a_night_without_texture_is_left_alone():
     rng = np.random.default_rng(0)
     frames = [rng.poisson(2, (HEIGHT, WIDTH)).astype(np.uint8) for _ in range(3)]
-    assert all(motion.is_zero and motion.reason for motion in estimate_frames(frames, readout_ratio=0.9))
+    assert all(found.motion.is_zero and found.reason for found in estimate_frames(frames, readout_ratio=0.9))
 
 
 def test_one_frame_alone_has_no_motion():
-    (motion,) = estimate_frames([textured(HEIGHT, WIDTH)], readout_ratio=0.5)
-    assert motion.is_zero and "no frame before or after" in str(motion.reason)
+    (found,) = estimate_frames([textured(HEIGHT, WIDTH)], readout_ratio=0.5)
+    assert found.motion.is_zero and "no frame before or after" in str(found.reason)
     assert list(estimate_frames([])) == []
 
 
@@ -122,8 +122,8 @@ def test_frames_may_be_paths_bytes_photos_or_deep_pixels(tmp_path):
     ]
     of_files = list(estimate_frames(sources, readout_ratio=0.9, focal_px=FOCAL))
     of_arrays = list(estimate_frames(frames, readout_ratio=0.9, focal_px=FOCAL))
-    assert all(motion_error(a, b).epe < 0.05 for a, b in zip(of_files, of_arrays, strict=True))
-    assert not of_arrays[2].is_zero
+    assert all(motion_error(a.motion, b.motion).epe < 0.05 for a, b in zip(of_files, of_arrays, strict=True))
+    assert not of_arrays[2].motion.is_zero
 
 
 def test_frames_are_not_kept():

@@ -14,8 +14,12 @@ from unshutter.options import Undo
 from unshutter.reasons import Code, Reason
 
 
-def pan(tx_px: float, rows: int = 100) -> RowMotion:
-    return RowMotion(80, np.linspace(0, tx_px, rows), np.zeros(rows))
+def pan(tx_px: float, error_px: float | None = None, rows: int = 100) -> Finding:
+    error = None if error_px is None else error_px / rows
+    return Finding(RowMotion(80, np.linspace(0, tx_px, rows), np.zeros(rows)), expected_error=error)
+
+
+STILL = Finding(RowMotion.zero(100, 80))
 
 
 @pytest.mark.parametrize(
@@ -34,41 +38,41 @@ def test_a_pan_says_where_the_camera_turned_as_the_photo_is_seen(orientation: in
 
 def test_other_kinds_say_how_far_pixels_move() -> None:
     assert Candidate("hand", pan(9)).description == "hand, 9.0 px"
-    assert Candidate("still", RowMotion.zero(100, 80)).description == "as it is"
+    assert Candidate("still", STILL).description == "as it is"
 
 
 def test_json_holds_a_motion_that_can_be_read_back() -> None:
-    data = json.loads(json.dumps(Candidate("pan", pan(24), 0.123456, 1.23456).as_json()))
+    data = json.loads(json.dumps(Candidate("pan", pan(24, 1.23456), 0.123456).as_json()))
     assert (data["kind"], data["probability"], data["expected_error_px"]) == ("pan", 0.1235, 1.23)
-    assert Motion.from_json(json.dumps(data["motion"])) == pan(24)
+    assert Finding.from_json(json.dumps(data["motion"])).motion == pan(24).motion
 
 
 def test_a_candidate_is_resized_with_its_error() -> None:
-    half = Candidate("pan", pan(24), 0.5, 4.0).resized(50, 40)
-    assert half.expected_error_px == 2.0
+    half = Candidate("pan", pan(24, 4.0), 0.5).resized(50, 40)
+    assert half.expected_error_px == pytest.approx(2.0)
     assert half.motion.largest_px == pytest.approx(12, rel=0.03)
 
 
 def test_each_number_says_what_it_is_the_chance_of() -> None:
-    assert Candidate("hand", pan(9), 0.62, 3.1).described() == (
+    assert Candidate("hand", pan(9, 3.1), 0.62).described() == (
         "hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)"
     )
-    still = Candidate("still", RowMotion.zero(100, 80), 0.38)
+    still = Candidate("still", STILL, 0.38)
     assert still.described() == "as it is (chance 0.38 that the likeliest other does not help)"
 
 
 @pytest.mark.parametrize(("found", "stated"), [(0.7893, 0.78), (0.999, 0.97), (0.78, 0.78), (0.0, 0.0)])
 def test_one_number_is_the_same_wherever_it_is_stated(found: float, stated: float) -> None:
-    motion = replace(pan(9), confidence=found, reason=Reason.of(Code.UNSURE, confidence=found, px=9))
-    candidate = Candidate("hand", motion, found).as_stated()
-    numbers = candidate.probability, candidate.motion.confidence, candidate.as_json()["probability"]
+    finding = replace(pan(9), confidence=found, reason=Reason.of(Code.UNSURE, confidence=found, px=9))
+    candidate = Candidate("hand", finding, found).as_stated()
+    numbers = candidate.probability, candidate.finding.confidence, candidate.as_json()["probability"]
     assert numbers == (stated,) * 3
-    assert f"{stated:.2f}" in candidate.described() and f"{stated:.2f}" in str(candidate.motion.reason)
-    assert judge(Finding(motion), Undo()).confidence == stated  # of a motion from elsewhere
+    assert f"{stated:.2f}" in candidate.described() and f"{stated:.2f}" in str(candidate.finding.reason)
+    assert judge(finding, Undo()).confidence == stated  # of a motion from elsewhere
 
 
 def test_that_nothing_helps_is_never_ruled_out() -> None:
-    assert Candidate("still", RowMotion.zero(100, 80), 0.001).as_stated().probability == 0.03
+    assert Candidate("still", STILL, 0.001).as_stated().probability == 0.03
 
 
 def test_all_candidates_are_listed_or_one_is_chosen(basilica: tuple[np.ndarray, Motion]) -> None:
@@ -78,13 +82,13 @@ def test_all_candidates_are_listed_or_one_is_chosen(basilica: tuple[np.ndarray, 
 
 def test_a_method_that_finds_one_motion_has_two_candidates() -> None:
     assert [each.kind for each in list_single(pan(24))] == ["other", "still"]
-    assert [each.kind for each in list_single(RowMotion.zero(9, 9))] == ["still"]
+    assert [each.kind for each in list_single(STILL)] == ["still"]
 
 
 def test_the_shares_of_the_kinds_are_kept_in_motion_files() -> None:
-    motion = RowMotion(80, np.zeros(9), np.zeros(9), kind_shares=(("hand", 0.75), ("pan", 0.25)))
-    assert json.loads(motion.to_json())["kinds"] == {"hand": 0.75, "pan": 0.25}
-    assert Motion.from_json(motion.to_json()) == motion
+    finding = replace(STILL, kind_shares=(("hand", 0.75), ("pan", 0.25)))
+    assert json.loads(finding.to_json())["kinds"] == {"hand": 0.75, "pan": 0.25}
+    assert Finding.from_json(finding.to_json()) == finding
 
 
 def test_a_rectified_photo_has_its_candidates(basilica: tuple[np.ndarray, Motion]) -> None:
@@ -92,6 +96,6 @@ def test_a_rectified_photo_has_its_candidates(basilica: tuple[np.ndarray, Motion
     listed = unshutter.candidates(picture)
     result = unshutter.rectify(picture)
     assert [each.kind for each in result.candidates] == [each.kind for each in listed]
-    assert listed[0].motion == unshutter.estimate(picture)
+    assert replace(listed[0].finding, candidates=listed) == unshutter.estimate(picture)
     assert sum(each.kind == "still" for each in listed) == 1
     assert unshutter.rectify(picture, motion=listed[0].motion).candidates == ()

@@ -14,6 +14,7 @@ from support.shaken_scenes import drawn_scene, shake
 from unshutter.errors import CropTooSmallError
 from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
 from unshutter.motion import grid
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import EdgePolicy, Tile
 from unshutter.motion.warp import straighten
 from unshutter.options import Neighbours, Undo
@@ -81,7 +82,7 @@ def _with_neighbours(folder: Path) -> None:
 def _as_a_clip(folder: Path) -> None:
     clip: Any = SimpleNamespace(height=90, width=120)
     frame: Any = None  # only its motion counts
-    common_window(Warper(clip, ClipUndo(edges="crop")), [MovingFrame(frame, shake(90, 120))])
+    common_window(Warper(clip, ClipUndo(edges="crop")), [MovingFrame(frame, Finding(shake(90, 120)))])
 
 
 def _on_the_page(folder: Path) -> None:

@@ -13,31 +13,32 @@ import unshutter
 from support.drawn_photos import drawn, encoded
 from support.maker_notes import apple
 from support.tagged_files import EXIF
-from unshutter import Motion, RowMotion, UnshutterError
+from unshutter import Finding, RowMotion, UnshutterError
 from unshutter.motion import RotationMotion
+from unshutter.motion.upright import Angle
 
-_KNOWN = {"roll_deg": 1.5, "tilt_deg": None, "attitude_from": "level gauge (Acme)", "exposure_s": 0.004}
+_KNOWN = {"roll": Angle(1.5), "attitude_from": "level gauge (Acme)", "exposure_s": 0.004}
 
 
-def _motion(**known: object) -> RowMotion:
-    return RowMotion.from_polynomials([0, 3], [0, 0.01], 60, 80, **known)
+def _finding(**known) -> Finding:
+    return Finding(RowMotion.from_polynomials([0, 3], [0, 0.01], 60, 80), **known)
 
 
 def test_what_was_known_goes_through_the_file() -> None:
-    motion = _motion(**_KNOWN)
-    data = json.loads(motion.to_json())
+    finding = _finding(**_KNOWN)
+    data = json.loads(finding.to_json())
     assert data["attitude"] == {"roll_deg": 1.5, "tilt_deg": None, "from": "level gauge (Acme)"}
     assert data["exposure_s"] == 0.004
-    assert Motion.from_json(motion.to_json()) == motion == pickle.loads(pickle.dumps(motion))
-    assert motion != _motion()
-    assert motion.resized(120, 160).rereferenced("last").scaled(0.5).exposure_s == 0.004
+    assert Finding.from_json(finding.to_json()) == finding == pickle.loads(pickle.dumps(finding))
+    assert finding != _finding()
+    assert finding.resized(120, 160).rereferenced("last").exposure_s == 0.004
 
 
 def test_files_that_know_nothing_are_read() -> None:
-    data = json.loads(_motion().to_json())
+    data = json.loads(_finding().to_json())
     assert "attitude" not in data and "exposure_s" not in data
     del data["largest_px"]
-    assert Motion.from_json(json.dumps(data)) == _motion()
+    assert Finding.from_json(json.dumps(data)) == _finding()
 
 
 @pytest.mark.parametrize(
@@ -51,9 +52,9 @@ def test_files_that_know_nothing_are_read() -> None:
     ],
 )
 def test_files_that_know_nonsense_are_refused(wrong: dict) -> None:
-    data = json.loads(_motion().to_json()) | wrong
+    data = json.loads(_finding().to_json()) | wrong
     with pytest.raises(UnshutterError):
-        Motion.from_json(json.dumps(data))
+        Finding.from_json(json.dumps(data))
 
 
 def test_the_largest_displacement_is_that_of_the_farthest_corner() -> None:
@@ -80,15 +81,16 @@ def test_an_estimate_says_what_was_known_of_the_photo() -> None:
     tags.update({0x010F: "Apple", 0x0112: 1})
     tags.get_ifd(EXIF).update({0x829A: IFDRational(1, 250), 0x927C: apple((-1, 0, 0))})
     photo = encoded(drawn(96, 128), "JPEG", exif=tags.tobytes())
-    motion = unshutter.estimate(photo, estimator="none")
-    assert (motion.roll_deg, motion.tilt_deg, motion.attitude_from) == (0, 0, "accelerometer (Apple)")
-    assert motion.exposure_s == pytest.approx(0.004)
+    found = unshutter.estimate(photo, estimator="none")
+    assert (found.roll, found.tilt, found.attitude_from) == (Angle(0), Angle(0), "accelerometer (Apple)")
+    assert found.exposure_s == pytest.approx(0.004)
     given = unshutter.estimate(photo, estimator="none", roll_deg=2, exposure_s=0.1)
-    assert (given.roll_deg, given.tilt_deg, given.exposure_s) == (2, 0, 0.1)
-    assert given.attitude_from == "given; accelerometer (Apple)" and given.stated_angles == (True, False)
+    assert (given.roll, given.tilt, given.exposure_s) == (Angle(2, stated=True), Angle(0), 0.1)
+    assert given.attitude_from == "given; accelerometer (Apple)"
     data = json.loads(given.to_json())
-    assert data["attitude"]["stated"] == {"roll": True, "tilt": False} and Motion.from_json(given.to_json()) == given
+    assert data["attitude"]["stated"] == {"roll": True, "tilt": False}
+    assert Finding.from_json(given.to_json()).roll == given.roll
     del data["attitude"]["stated"]  # as earlier versions wrote it
-    assert Motion.from_json(json.dumps(data)).stated_angles == (False, False)
+    assert Finding.from_json(json.dumps(data)).roll == Angle(2)
     bare = unshutter.estimate(drawn(96, 128), estimator="none")
-    assert bare == replace(bare, roll_deg=None, tilt_deg=None, attitude_from="", exposure_s=None)
+    assert bare == replace(bare, roll=None, tilt=None, attitude_from="", exposure_s=None)

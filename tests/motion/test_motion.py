@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError, __version__
+from unshutter import Finding, Motion, Readout, RowMotion, UnshutterError, UsageError, __version__
 from unshutter.reasons import Reason
 
 
@@ -98,7 +98,8 @@ def test_strength_scales_both_motions() -> None:
 
 
 def test_the_json_contract() -> None:
-    data = json.loads(wavy(estimator="x", confidence=0.25, readout=Readout.LEFT_TO_RIGHT).to_json())
+    finding = Finding(wavy(readout=Readout.LEFT_TO_RIGHT), estimator="x", confidence=0.25)
+    data = json.loads(finding.to_json())
     assert list(data) == [
         "format",
         "kind",
@@ -119,15 +120,19 @@ def test_the_json_contract() -> None:
     assert (data["reference"], data["reference_row"]) == ("first", 0)
     assert len(data["tx_px"]) == len(data["rz_rad"]) == 60
     assert (data["estimator"], data["confidence"], data["unshutter"]) == ("x", 0.25, __version__)
+    given = json.loads(finding.motion.to_json())
+    assert given == data | {"estimator": "given", "confidence": None} and list(given) == list(data)
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
-    motion = wavy(estimator="x", reason=Reason.stated("because")).rereferenced("middle")
-    motion.save(tmp_path / "m.json")
+    motion = wavy().rereferenced("middle")
+    Finding(motion, estimator="x", reason=Reason.stated("because")).save(tmp_path / "m.json")
     back = Motion.load(tmp_path / "m.json")
     np.testing.assert_array_equal(back.tx_px, motion.tx_px)
     np.testing.assert_array_equal(back.rz_rad, motion.rz_rad)
-    assert (back.width, back.reference, back.estimator, back.reason) == (80, "middle", "x", Reason.stated("because"))
+    assert (back.width, back.reference) == (80, "middle")
+    found = Finding.load(tmp_path / "m.json")
+    assert (found.motion, found.estimator, found.reason) == (back, "x", Reason.stated("because"))
     assert back.center_shift_px == pytest.approx(motion.center_shift_px)
 
 
@@ -164,7 +169,7 @@ def test_bad_files_get_one_clear_line(tmp_path: Path, text: str, says: str) -> N
     path = tmp_path / "m.json"
     path.write_text(text)
     with pytest.raises(UnshutterError, match=says) as caught:
-        Motion.load(path)
+        Finding.load(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unshutter import Motion, RowMotion, UnshutterError, UsageError
+from unshutter import Finding, Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.motion import RotationMotion
 from unshutter.motion.verdict import Speed, json_with_speed
@@ -67,7 +67,7 @@ def test_in_plane_rotations_agree_with_row_motion() -> None:
 
 def test_a_file_with_speed_is_still_a_motion_file() -> None:
     motion = RowMotion.from_polynomials([0, 60], [0, 0.05], 300, 400)
-    text = json_with_speed(motion, 30)
+    text = json_with_speed(Finding(motion), 30)
     assert json.loads(text)["speed"]["readout_ms"] == 30
     assert np.array_equal(Motion.from_json(text).tx_px, motion.tx_px)
 

@@ -11,10 +11,10 @@ import unshutter
 from support.batches import make_photos, rectify
 from support.shaken_scenes import shake
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.motion import Motion, RowMotion
+from unshutter.motion import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
-from unshutter.motion.upright import NONE_STATED, Pose, Stated
+from unshutter.motion.upright import Angle, Pose
 from unshutter.motion.verdict import judge
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import Camera, Rectify, Undo
@@ -62,13 +62,13 @@ def test_verticals_come_out_vertical_and_level_lines_level(roll_deg: float, tilt
 
 
 def test_level_undoes_the_roll_alone() -> None:
-    level = HELD.undone_for("level", NONE_STATED)
+    level = HELD.undone_for("level", None, None)
     assert isinstance(level, Pose)
     assert (level.roll_deg, level.tilt_deg) == (HELD.roll_deg, None)
     col, row = level.leaning(np.array([199.5, 299.5]), np.array([149.5, 149.5]), HEIGHT, WIDTH)
     # the camera is turned clockwise, so what is level rises to the right in the photo
     assert np.degrees(np.arctan2(row[0] - row[1], col[1] - col[0])) == pytest.approx(2.3)
-    assert HELD.undone_for("full", NONE_STATED) == HELD
+    assert HELD.undone_for("full", None, Angle(6.0)) == HELD
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_level_undoes_the_roll_alone() -> None:
     ],
 )
 def test_what_is_too_much_is_left_unless_it_was_stated(pose: Pose, wish, stated, code: Code | None) -> None:
-    undone = pose.undone_for(wish, Stated(*stated))
+    undone = pose.undone_for(wish, *(Angle(0.0, each) for each in stated))
     assert (undone.code if isinstance(undone, Reason) else None) == code
 
 
@@ -121,35 +121,35 @@ def test_motion_and_pose_are_undone_in_one_warp() -> None:
 
 
 def test_the_pose_is_that_of_the_reference_row() -> None:
-    motion = RowMotion.from_polynomials([0, 20], [0, 0.1], HEIGHT, WIDTH, held=HELD)
-    moved = motion.rereferenced("last")
+    found = Finding(RowMotion.from_polynomials([0, 20], [0, 0.1], HEIGHT, WIDTH), held=HELD)
+    moved = found.rereferenced("last")
     at = np.array([50.0, 250]), np.array([80.0, 220])
-    first, last = (rs_to_gs_map(each, each.held)(*at) for each in (motion, moved))
+    first, last = (rs_to_gs_map(each.motion, each.held)(*at) for each in (found, moved))
     angles = [np.arctan2(row[1] - row[0], col[1] - col[0]) for col, row in (first, last)]
     assert moved.held is not None and moved.held.roll_deg == pytest.approx(HELD.roll_deg - np.degrees(0.1))
     assert angles[0] == pytest.approx(angles[1], abs=0.01)  # both upright; turned about another point
-    assert Motion.from_json(moved.to_json()) == moved
+    assert Finding.from_json(moved.to_json()) == moved
 
 
 @pytest.mark.parametrize(
     "wrong", ['"roll_deg": 1e400', '"focal": 0', '"up": [1, 1]', '"up": 3', '"focal": "x"', '"a": 1']
 )
 def test_a_wrong_pose_in_a_motion_file_is_one_line(wrong: str) -> None:
-    text = RowMotion.zero(4, 4, held=Pose(0.0, None, 1.0)).to_json()
+    text = Finding(RowMotion.zero(4, 4), held=Pose(0.0, None, 1.0)).to_json()
     with pytest.raises(UnshutterError):
-        Motion.from_json(text.replace('"held": {', f'"held": {{{wrong}, ').replace('"roll_deg": 0.0, ', "", 1))
+        Finding.from_json(text.replace('"held": {', f'"held": {{{wrong}, ').replace('"roll_deg": 0.0, ', "", 1))
 
 
-def posed(motion: RowMotion, **more) -> RowMotion:
-    return replace(motion, held=HELD, held_at_rest=replace(HELD, roll_deg=-1.4), **more)
+def posed(found: Finding, **more) -> Finding:
+    return replace(found, held=HELD, held_at_rest=replace(HELD, roll_deg=-1.4), **more)
 
 
-STILL = RowMotion.zero(HEIGHT, WIDTH, reason=Reason(Code.NO_VISIBLE_MOTION), confidence=0.93)
-MOVED = RowMotion.from_polynomials([0, 20], [0], HEIGHT, WIDTH, confidence=0.97)
+STILL = Finding(RowMotion.zero(HEIGHT, WIDTH), reason=Reason(Code.NO_VISIBLE_MOTION), confidence=0.93)
+MOVED = Finding(RowMotion.from_polynomials([0, 20], [0], HEIGHT, WIDTH), confidence=0.97)
 
 
 @pytest.mark.parametrize(
-    ("motion", "wish", "words"),
+    ("found", "wish", "words"),
     [
         (posed(STILL), "level", "levelled by 1.4 degrees; no visible motion, confidence 0.93: likely"),
         (posed(MOVED), "level", "levelled by 2.3 degrees; up to 20 px, confidence 0.97: sure"),
@@ -160,12 +160,12 @@ MOVED = RowMotion.from_polynomials([0, 20], [0], HEIGHT, WIDTH, confidence=0.97)
         ),
     ],
 )
-def test_a_photo_that_is_turned_is_changed(motion: RowMotion, wish, words: str) -> None:
-    verdict = judge(Finding(motion), Undo(upright=wish))
+def test_a_photo_that_is_turned_is_changed(found: Finding, wish, words: str) -> None:
+    verdict = judge(found, Undo(upright=wish))
     assert verdict.described() == words
     assert verdict.changes and verdict.as_json()["changed"] and verdict.cause is None
-    assert verdict.motion.is_zero == motion.is_zero
-    assert not judge(Finding(motion), Undo()).upright
+    assert verdict.motion.is_zero == found.motion.is_zero
+    assert not judge(found, Undo()).upright
 
 
 @pytest.mark.parametrize(("stated", "levelled"), [({"tilt_deg": 0}, False), ({"roll_deg": 15, "tilt_deg": 0}, True)])
@@ -174,7 +174,7 @@ def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: b
     photo = Photo.from_array(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     monkeypatch.setattr(Photo, "attitude", Attitude(15.0, 0.0, "accelerometer (Acme)", Readout.TOP_TO_BOTTOM))
     view = View(photo, Camera(**stated))
-    verdict = judge(Finding(view.noted(view.no_motion("me", Reason(Code.NO_VISIBLE_MOTION)))), Undo(upright="level"))
+    verdict = judge(view.noted(view.no_motion("me", Reason(Code.NO_VISIBLE_MOTION))), Undo(upright="level"))
     assert verdict.changes == levelled
     assert (verdict.not_upright is None) == levelled
     assert levelled or verdict.not_upright.code is Code.TOO_ASKEW
@@ -182,9 +182,9 @@ def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: b
 
 def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
     upright = replace(STILL, held_at_rest=Pose(0.05, 0.0, FOCAL))
-    verdict = judge(Finding(upright), Undo(upright="full"))
+    verdict = judge(upright, Undo(upright="full"))
     assert not verdict.changes and verdict.cause is Cause.NO_MOTION
-    verdict = judge(Finding(STILL), Undo(upright="level"))
+    verdict = judge(STILL, Undo(upright="level"))
     assert not verdict.changes
     assert verdict.described().startswith("the photo does not show how the camera was held; no visible motion")
     assert verdict.as_json()["not_upright"]["code"] == "pose-unknown"
@@ -193,13 +193,13 @@ def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
 def test_a_photo_that_leans_says_what_straightens_it_either_way() -> None:
     unsure = posed(replace(STILL, reason=Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.7)))
     line = "leans: the camera was turned, or moved; --upright straightens it either way"
-    assert line in about(judge(Finding(unsure), Undo()))
+    assert line in about(judge(unsure, Undo()))
     for other in (
         posed(STILL),
-        replace(unsure, roll_deg=1.4),
+        replace(unsure, roll=Angle(1.4)),
         replace(unsure, held_at_rest=replace(HELD, roll_deg=0.9)),
     ):
-        assert "leans" not in about(judge(Finding(other), Undo()))
+        assert "leans" not in about(judge(other, Undo()))
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -246,6 +246,6 @@ def test_python_refuses_it_with_a_motion_too() -> None:
 def test_a_photo_that_only_its_motion_makes_upright_shows_how_it_was_held() -> None:
     """The sample leans so much that its lines are not those of buildings before its motion is undone."""
     demo = Path(__file__).parents[2] / "examples" / "demo.jpg"
-    first = find_candidates(load(), View(Photo.open(demo)))[0].motion
+    first = find_candidates(load(), View(Photo.open(demo)))[0].finding
     assert first.held is not None and abs(first.held.roll_deg) < 2
     assert first.held_at_rest is None

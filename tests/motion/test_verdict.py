@@ -14,12 +14,12 @@ from unshutter.reasons import Cause, Code, Reason
 from unshutter.run.report import about
 
 
-def sheared(px: float, confidence: float | None = None) -> RowMotion:
-    return replace(RowMotion.from_polynomials([0, px], [0], 80, 100), confidence=confidence)
+def sheared(px: float, confidence: float | None = None, height: int = 80) -> Finding:
+    return Finding(RowMotion.from_polynomials([0, px], [0], height, 100), confidence=confidence)
 
 
 @pytest.mark.parametrize(
-    ("motion", "least", "cause", "told"),
+    ("found", "least", "cause", "told"),
     [
         (sheared(41.2, 0.936), 0.5, "", "points moved by up to 41 px, confidence 0.93: likely"),
         (sheared(4.2, 0.5), 0.5, "", "points moved by up to 4.2 px, confidence 0.50: unsure"),
@@ -59,15 +59,15 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
             "",
             "points moved by up to 9.0 px, confidence 0.93: likely, typically off by 2.1 px",
         ),
-        (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "no motion", None),
-        (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
-        (RowMotion.from_polynomials([0, 1.9], [0], 512, 100), 0.5, "", None),
+        (sheared(1.9, 0.9, 512), 0.5, "no motion", None),
+        (sheared(2.1, 0.9, 512), 0.5, "", None),
+        (sheared(1.9, None, 512), 0.5, "", None),
         (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90: likely"),
         (replace(sheared(0.0), reason=Reason.stated("too few lines")), 0.5, "nothing to go by", "too few lines"),
     ],
 )
-def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause: str, told: str | None) -> None:
-    verdict = judge(Finding(motion), Undo(min_confidence=least))
+def test_what_is_undone_and_what_is_said(found: Finding, least: float, cause: str, told: str | None) -> None:
+    verdict = judge(found, Undo(min_confidence=least))
     assert verdict.cause == (cause or None)
     assert verdict.changes == (not cause) == (verdict.reason is None) == (not verdict.sentence)
     assert told in (None, about(verdict))
@@ -83,8 +83,8 @@ def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause:
     ],
 )
 def test_a_strength_says_what_it_leaves_instead_of_the_error_of_all(strength: float, said: str, left_px) -> None:
-    motion = replace(sheared(40.0, 0.93), expected_error=0.026)
-    verdict = judge(Finding(motion), Undo(strength=strength))
+    found = replace(sheared(40.0, 0.93), expected_error=0.026)
+    verdict = judge(found, Undo(strength=strength))
     assert verdict.described() == f"points moved by up to {40 * strength:.0f} px, confidence 0.93: likely, {said}"
     assert verdict.as_json().get("left_px") == left_px
     assert ("expected_error_px" in verdict.as_json()) == (strength == 1)
@@ -93,33 +93,32 @@ def test_a_strength_says_what_it_leaves_instead_of_the_error_of_all(strength: fl
 @pytest.mark.parametrize("code", [Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.UNSURE])
 def test_what_is_advised_where_a_motion_is_hardly_measurable_undoes_it(code: Code) -> None:
     """1.5 px of 600 rows: any least confidence but 0 calls that no visible motion."""
-    found = replace(RowMotion.from_polynomials([0, 1.5], [0], 600, 400), confidence=0.6)
+    found = sheared(1.5, 0.6, 600)
     reason = Reason.of(code, confidence=0.6, px=1.5)
-    told = about(judge(Finding(replace(found.scaled(0), reason=reason)), Undo()))
+    told = about(judge(replace(found, motion=found.motion.scaled(0), reason=reason), Undo()))
     assert told.endswith("; --min-confidence 0 would move it by up to 1.5 px")
-    assert judge(Finding(found), Undo(min_confidence=0)).changes
+    assert judge(found, Undo(min_confidence=0)).changes
 
 
 def test_what_is_said_to_be_enough_is_enough() -> None:
-    verdict = judge(Finding(sheared(124, 0.36)), Undo(min_confidence=0.5))
+    verdict = judge(sheared(124, 0.36), Undo(min_confidence=0.5))
     enough = float(about(verdict).partition("--min-confidence ")[2].split()[0])
-    assert judge(Finding(sheared(124, 0.36)), Undo(min_confidence=enough)).changes
+    assert judge(sheared(124, 0.36), Undo(min_confidence=enough)).changes
 
 
 def test_no_strength_changes_nothing_and_says_so() -> None:
-    verdict = judge(Finding(sheared(30, 0.9).scaled(0)), Undo(strength=0))
+    verdict = judge(Finding(sheared(30).motion.scaled(0), confidence=0.9), Undo(strength=0))
     assert (verdict.cause, verdict.sentence) == (Cause.STRENGTH_0, "a strength of 0 undoes nothing")
 
 
 def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
-    motion = sheared(124, 0.36)
-    left = judge(Finding(motion), Undo(min_confidence=0.5)).motion
-    assert left.is_zero
-    assert (left.confidence, left.reason, left.width) == (0.36, Reason.of(Code.UNSURE, confidence=0.36, px=124.0), 100)
+    left = judge(sheared(124, 0.36), Undo(min_confidence=0.5)).carried_out
+    assert left.motion.is_zero and left.motion.width == 100
+    assert (left.confidence, left.reason) == (0.36, Reason.of(Code.UNSURE, confidence=0.36, px=124.0))
 
 
 def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
-    assert sheared(7).largest_px == pytest.approx(7)
+    assert sheared(7).motion.largest_px == pytest.approx(7)
     turned = RowMotion(101, np.zeros(51), np.r_[np.zeros(50), 0.1])  # the last row, 25 px below the middle
     # a turn by a of a point at distance r moves it by 2 r sin(a / 2)
     assert turned.largest_px == pytest.approx(2 * np.hypot(50, 25) * np.sin(0.05))
@@ -148,7 +147,7 @@ def test_a_confidence_that_cannot_be(wrong: float) -> None:
 def test_a_large_motion_that_is_unsure_asks_for_a_look(
     tx_px: float, confidence: float, certainty: str, look: bool
 ) -> None:
-    verdict = judge(Finding(sheared(tx_px, confidence)), Undo())
+    verdict = judge(sheared(tx_px, confidence), Undo())
     assert (verdict.certainty, verdict.needs_a_look) == (certainty, look)
     assert ("please look" in verdict.described()) == look
     assert (verdict.as_json()["certainty"], verdict.as_json()["please_look"]) == (certainty, look)

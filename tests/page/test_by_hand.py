@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from support.page_server import opened
-from unshutter import Motion
+from unshutter.motion.finding import Finding
 from unshutter.orientation import Orientation
 from unshutter.page.opened import pixels_of, shares
 
@@ -36,8 +36,9 @@ def test_numbers_start_at_the_estimate_and_change_it(client: httpx.Client, photo
     changed = _after(client, id, **{"lean-deg": "2.5"})
     assert changed["changed"] and changed["confidence"] is None
     assert changed["shape"] == pytest.approx(shape | {"lean_deg": 2.5}, abs=0.01)
-    motion = Motion.from_json(client.get(f"/api/photos/{id}/motion", params={"lean-deg": "2.5"}).text)
-    assert motion.estimator == "by-hand"
+    found = Finding.from_json(client.get(f"/api/photos/{id}/motion", params={"lean-deg": "2.5"}).text)
+    motion = found.motion
+    assert found.estimator == "by-hand"
     assert motion.tx_px[-1] - motion.tx_px[0] == pytest.approx(math.tan(math.radians(2.5)) * motion.height)
     assert _after(client, id, **{"lean-deg": "2.5", "strength": "2"})["shape"] == changed["shape"]
 

@@ -1,7 +1,6 @@
 """Reasons in the page's words, and the buttons that it offers with them."""
 
 import re
-from dataclasses import replace
 from string import Formatter
 
 import pytest
@@ -62,8 +61,8 @@ def test_what_is_advised() -> None:
 
 def test_a_verdict_has_reason_and_advice_unless_it_is_undone() -> None:
     motion = RowMotion.from_polynomials([0, 20], [0], 80, 100)
-    still = replace(motion.scaled(0), reason=Reason(Code.NO_RIGHT_ANGLES))
-    declined = verdict_json(judge(Finding(still), Undo()))
+    still = Finding(motion.scaled(0), reason=Reason(Code.NO_RIGHT_ANGLES))
+    declined = verdict_json(judge(still, Undo()))
     assert (declined["reason"], declined["code"]) == ("the photo shows no right angles", "no-right-angles")
     assert "adviceByHand" in declined["advice"]
     left = verdict_json(judge(Finding(motion), Undo(strength=0)))

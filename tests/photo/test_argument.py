@@ -152,7 +152,7 @@ def test_what_is_missing_is_a_file_that_is_not_found(tmp_path: Path) -> None:
 def test_frames_are_opened_as_photos_are(tmp_path: Path) -> None:
     pixels = drawn(120, 160)
     for pair in zip(kinds(pixels, tmp_path), kinds(pixels, tmp_path), strict=True):
-        assert all(motion.is_zero for motion in unshutter.estimate_frames(pair, readout_ratio=0.5))
+        assert all(found.motion.is_zero for found in unshutter.estimate_frames(pair, readout_ratio=0.5))
     made = list(unshutter.rectify_frames(kinds(pixels, tmp_path), readout_ratio=0.5))
     assert len(made) == 7 and all(isinstance(each, unshutter.RectifiedFrame) for each in made)
     np.testing.assert_array_equal(made[5].image, pixels)

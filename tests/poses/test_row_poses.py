@@ -108,7 +108,7 @@ def test_pictures_without_a_motion_are_left_out(tmp_path: Path) -> None:
     model = camera.write_model(tmp_path / "sparse")
     motions = camera.write_motions(tmp_path / "motions")
     (motions / "00003.json").unlink()
-    zero = unshutter.RowMotion.zero(HEIGHT, WIDTH, reason=Reason.stated("too dark"))
+    zero = unshutter.Finding(unshutter.RowMotion.zero(HEIGHT, WIDTH), reason=Reason.stated("too dark"))
     zero.save(motions / "00006.json")
     poses = unshutter.camera_poses(model, motions, **CLOCK)
     assert [each.picture.name for each in poses.pictures] == ["00000.png", "00009.png", "00012.png"]

@@ -9,8 +9,7 @@ import pytest
 
 from support.batches import make_photos, rectify, results
 from support.sure_estimator import Sure
-from unshutter.motion import Motion
-from unshutter.motion.motion import Chance
+from unshutter.motion.finding import Chance, Finding
 from unshutter.reasons import Code, Reason
 from unshutter.run.folder import MOST, Judged, shares_moved
 from unshutter.single.estimator import View
@@ -21,7 +20,7 @@ CLEAR, FAINT, STILL = (6.0, -4.0), (-0.5, 0.5), (-4.0, 6.0)  # log odds, turning
 class ByFolder(Sure):
     """Answers by the photo's name: clearly moved, faintly, or still; as the default method does, given the folder."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         assert view.photo.path is not None
         chance = Chance(*{"c": CLEAR, "f": FAINT, "s": STILL}[view.photo.path.name[0]])
         if view.odds.folder > chance.turning_point:

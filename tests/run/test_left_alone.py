@@ -10,7 +10,8 @@ import pytest
 from support.batches import make_photos, rectify
 from support.camera_files import dng, heic, linear
 from support.sure_estimator import Sure
-from unshutter.motion import Motion, RowMotion
+from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
 from unshutter.run.inputs import find_photos
@@ -23,7 +24,7 @@ ANSWERS = {"c": Sure(0.9), "d": Sure(None, reason="too dark"), "s": Sure(0.9, px
 class ByName(Sure):
     """Answers by the photo's name."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         assert view.photo.path is not None
         return ANSWERS[view.photo.path.name[0]].estimate(view)
 
@@ -211,8 +212,8 @@ def test_another_format_is_encoded_and_that_is_said(folder: Path, capsys: pytest
 def test_the_saved_motion_is_the_one_that_was_undone(folder: Path) -> None:
     motion = folder.parent / "motion.json"
     assert found(folder / "unsure.jpg", "-o", folder.parent / "out.jpg", "--save-motion", motion) == 0
-    left = Motion.load(motion)
-    assert left.is_zero and str(left.reason) == "not sure: it would help with a probability of 0.36"
+    left = Finding.load(motion)
+    assert left.motion.is_zero and str(left.reason) == "not sure: it would help with a probability of 0.36"
 
 
 def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:

@@ -49,8 +49,8 @@ def begin(photos: list[Path], find: Find | None, max_pixels: int = MAX_PIXELS) -
     return look_ahead(photos, Wanted(find, Undo(), max_pixels))
 
 
-def found(begun: Ahead) -> Motion:
-    return begun.verdict.finding.motion
+def found(begun: Ahead) -> Finding:
+    return begun.verdict.finding
 
 
 def test_photos_come_in_order_and_a_run_may_leave_some_out(photos: list[Path], tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ class Counting(Estimator):
 
     fail_at = asked = 0
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         self.asked += 1
         if self.asked == self.fail_at:
             raise UnshutterError("not this time")
@@ -212,7 +212,7 @@ def test_every_option_reaches_the_estimate(
     undone = ("--min-confidence", "0.001", *words)  # 0 asks for another answer
     assert rectify(photo, "-o", tmp_path / "out.png", "--save-motion", motion, *undone) == 0
     np.testing.assert_array_equal(
-        Motion.load(motion).tx_px, unshutter.rectify(photo, min_confidence=0.001, **find).found.tx_px
+        Motion.load(motion).tx_px, unshutter.rectify(photo, min_confidence=0.001, **find).found.motion.tx_px
     )
 
 
@@ -220,7 +220,7 @@ def test_a_camera_that_is_known_reaches_the_view(photos: list[Path], monkeypatch
     seen = []
 
     class Seeing(Counting):
-        def estimate(self, view: View) -> Motion:
+        def estimate(self, view: View) -> Finding:
             seen.append(view.camera)
             return super().estimate(view)
 
@@ -235,7 +235,7 @@ def test_estimates_of_a_folder_are_those_of_its_photos(photos: list[Path], tmp_p
     assert rectify(*photos, "-o", tmp_path / "out", "--save-motion", motions) == 1
     for k in (0, 1, 3):
         expected = unshutter.estimate(photos[k])
-        np.testing.assert_array_equal(Motion.load(motions / f"{k}.json").tx_px, expected.tx_px)
+        np.testing.assert_array_equal(Motion.load(motions / f"{k}.json").tx_px, expected.motion.tx_px)
     assert not (motions / "2.json").exists()
 
 

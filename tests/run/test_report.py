@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_photos, rectify, results, start_rectify
-from unshutter import Motion
+from unshutter.motion.finding import Finding
 
 
 def test_a_dry_run_writes_nothing(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
@@ -83,7 +83,7 @@ def test_names_and_reasons_do_not_break_lines_or_terminals(tmp_path: Path, motio
     assert rectify(tmp_path / "in" / f"{ODD}.jpg", "-o", tmp_path / "a.jpg", "--motion", motion) == 0
     told = capsys.readouterr().err
     assert told.count("\n") == 1 and "\x1b" not in told
-    assert str(Motion.load(motion).reason) == Motion.load(motion).estimator == r"a\nb\x1b[2Jc"
+    assert str(Finding.load(motion).reason) == Finding.load(motion).estimator == r"a\nb\x1b[2Jc"
     motion.write_text(json.dumps(data | {"reference": ["first"]}))
     assert rectify(tmp_path / "in" / f"{ODD}.jpg", "-o", tmp_path / "b.jpg", "--motion", motion) in (1, 2)
     assert "unknown reference row" in capsys.readouterr().err

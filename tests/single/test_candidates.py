@@ -7,7 +7,6 @@ import pytest
 
 from support.posteriors import posterior_of
 from unshutter import RowMotion, View
-from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Moving, Odds, Undo
 from unshutter.photo import Photo
@@ -41,9 +40,9 @@ def two_modes(evidence: float, share: float = 0.7) -> Posterior:
     ("tx", "gain", "reason"), [(0.05, -0.5, "no right angles"), (0.5, 1.0, "more motion than a hand-held camera makes")]
 )
 def test_what_is_not_to_be_believed_is_no_motion(tx: float, gain: float, reason: str, view: View) -> None:
-    motion = candidates_of(posterior_of(tx * PAN / 0.1, 1e3, 1e-3, gain), view, "me")[0].motion
-    assert (motion.is_zero, motion.estimator) == (True, "me")
-    assert reason in str(motion.reason)
+    found = candidates_of(posterior_of(tx * PAN / 0.1, 1e3, 1e-3, gain), view, "me")[0].finding
+    assert (found.motion.is_zero, found.estimator) == (True, "me")
+    assert reason in str(found.reason)
 
 
 def test_optima_that_look_the_same_are_one_mode() -> None:
@@ -57,14 +56,14 @@ def test_the_first_candidate_is_what_is_undone_and_one_is_the_photo_as_it_is(vie
     moved = candidates_of(two_modes(80), anyway(view), "me", PAN)
     assert sorted(each.kind for each in moved[:3]) == ["hand", "pan", "pan"]  # the mean, and what it is the mean of
     assert [each.probability for each in moved[:3]] == sorted((each.probability for each in moved[:3]), reverse=True)
-    assert dict(moved[0].motion.kind_shares) == {"hand": pytest.approx(0.3), "pan": pytest.approx(0.7), "quadratic": 0}
+    assert dict(moved[0].finding.kind_shares) == {"hand": pytest.approx(0.3), "pan": pytest.approx(0.7), "quadratic": 0}
     assert moved[-1].description == "as it is"
     assert moved[-1].probability == pytest.approx(1 - max(each.probability for each in moved[:-1]))
-    assert all(each.probability == each.motion.confidence for each in moved[:-1])
+    assert all(each.probability == each.finding.confidence for each in moved[:-1])
     stood = candidates_of(two_modes(-20), view, "me", PAN)
     assert stood[0].kind == "still" and "still" not in [each.kind for each in stood[1:]]
     assert stood[0].probability > 0.7 > moved[-1].probability
-    assert stood[0].motion.reason == Reason(Code.NO_VISIBLE_MOTION)
+    assert stood[0].finding.reason == Reason(Code.NO_VISIBLE_MOTION)
 
 
 @pytest.mark.parametrize("evidence", [-20, -5, 5])
@@ -94,7 +93,7 @@ def test_the_way_of_the_camera_decides_between_directions(way: Moving, sign: int
 def test_a_photo_whose_lines_show_no_motion_the_stated_way_is_left_alone(view: View) -> None:
     told = View(view.photo, Camera(moving="right"))
     (still,) = candidates_of(posterior_of(PAN, 80), told, "me", PAN)
-    assert still.kind == "still" and still.motion.reason == Reason(Code.MOVED_OTHERWISE)
+    assert still.kind == "still" and still.finding.reason == Reason(Code.MOVED_OTHERWISE)
 
 
 def test_a_mean_that_looks_like_a_mode_is_not_listed_twice(view: View) -> None:
@@ -105,35 +104,35 @@ def test_at_any_odds_the_best_motion_comes_first_even_where_none_is_to_be_believ
     unlike = replace(two_modes(80), lines_gain=-0.5)
     assert candidates_of(unlike, view, "me")[0].kind == "still"
     first, *others = candidates_of(unlike, anyway(view), "me")
-    assert first.kind != "still" and first.motion.reason is None
+    assert first.kind != "still" and first.finding.reason is None
     assert all(first.probability >= each.probability for each in others if each.kind != "still")
 
 
 def test_the_expected_error_is_in_pixels_of_the_photo(view: View) -> None:
     (first, *_) = candidates_of(posterior_of(PAN, 80, 0.004), anyway(view), "me", PAN)
-    assert first.motion.expected_error is not None
-    assert first.expected_error_px == pytest.approx(first.motion.expected_error * view.height)
-    assert 0 < first.motion.expected_error < displacement(PAN)
+    assert first.finding.expected_error is not None
+    assert first.expected_error_px == pytest.approx(first.finding.expected_error * view.height)
+    assert 0 < first.finding.expected_error < displacement(PAN)
 
 
 @pytest.mark.parametrize("evidence", [2, 20])
 def test_the_turning_point_is_where_the_folder_decides(evidence: float, view: View) -> None:
     def decided(log_odds: float):
         given = View(view.photo, odds=Odds(folder=log_odds))
-        return candidates_of(two_modes(evidence), given, "me", PAN)[0].motion
+        return candidates_of(two_modes(evidence), given, "me", PAN)[0].finding
 
     chance = decided(0).chance
     assert chance is not None
-    assert not decided(chance.turning_point + 0.01).is_zero
-    assert decided(chance.turning_point - 0.01).is_zero
+    assert not decided(chance.turning_point + 0.01).motion.is_zero
+    assert decided(chance.turning_point - 0.01).motion.is_zero
     again = decided(-3).chance
     assert again is not None  # the photo itself says the same, whatever its folder
     assert (again.log_odds, again.turning_point) == pytest.approx((chance.log_odds, chance.turning_point))
 
 
 def test_a_photo_that_was_moved_by_all_accounts_takes_no_part_in_its_folder(view: View) -> None:
-    assert candidates_of(two_modes(20), View(view.photo, Camera(moving="yes")), "me", PAN)[0].motion.chance is None
-    assert candidates_of(replace(two_modes(20), lines_gain=-0.5), view, "me", PAN)[0].motion.chance is None
+    assert candidates_of(two_modes(20), View(view.photo, Camera(moving="yes")), "me", PAN)[0].finding.chance is None
+    assert candidates_of(replace(two_modes(20), lines_gain=-0.5), view, "me", PAN)[0].finding.chance is None
 
 
 # ---- what the user says of the camera ------------------------------------------------------------------------
@@ -145,11 +144,11 @@ def moving(view: View, way: Moving = "yes", least: float | None = None) -> View:
 
 def test_a_camera_that_moved_may_be_faster_than_hands(view: View) -> None:
     fast = posterior_of(5 * PAN, 1e3, 1e-3)
-    assert candidates_of(fast, view, "me")[0].motion.reason == Reason(Code.TOO_FAST_FOR_HANDS)
+    assert candidates_of(fast, view, "me")[0].finding.reason == Reason(Code.TOO_FAST_FOR_HANDS)
     assert [each.kind for each in candidates_of(fast, view, "me")] == ["still"]
     told = candidates_of(fast, moving(view), "me")
     assert [each.kind != "still" for each in told].count(True) == 1
-    assert told[0].motion.reason is None or told[0].motion.reason.code is not Code.TOO_FAST_FOR_HANDS
+    assert told[0].finding.reason is None or told[0].finding.reason.code is not Code.TOO_FAST_FOR_HANDS
 
 
 @pytest.mark.parametrize("evidence", [-40, -20, -5])
@@ -159,9 +158,9 @@ def test_whoever_says_that_the_camera_moved_is_not_told_that_it_did_not(
 ) -> None:
     posterior = posterior_of(size * PAN, evidence)
     first, *others = candidates_of(posterior, moving(view, way), "me")
-    assert first.motion.reason is not None
-    assert first.motion.reason.code in (Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE)
-    assert str(first.motion.reason).startswith("you said that the camera moved, but ")
+    assert first.finding.reason is not None
+    assert first.finding.reason.code in (Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE)
+    assert str(first.finding.reason).startswith("you said that the camera moved, but ")
     assert others and candidates_of(posterior, moving(view, way, least=0.0), "me")[0].motion.largest_px > 0
 
 
@@ -169,7 +168,7 @@ def test_a_motion_too_small_to_be_seen_is_not_called_no_motion_by_the_verdict(vi
     """Half a pixel that surely helps is smaller than the usual error, so it is left; the words know what was said."""
     posterior = posterior_of(0.01 * PAN, 200, 1e-6)
     first = candidates_of(posterior, moving(view), "me")[0]
-    reason = judge(Finding(first.motion), Undo()).reason
+    reason = judge(first.finding, Undo()).reason
     assert reason is not None and reason.code in (Code.MOVED_TOO_LITTLE, Code.UNSURE_HOW_MOVED)
 
 

@@ -12,6 +12,7 @@ from support.line_scenes import lines_as_text
 from unshutter import DrawnLine, Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.photo import Photo
+from unshutter.reasons import MotionSource
 from unshutter.single.drawn_lines import (
     MET_DEG,
     DrawnLikelihood,
@@ -50,9 +51,9 @@ def test_two_upright_lines_and_a_level_one_straighten_a_lean(lean: float) -> Non
     truth = _motion(lean)
     uprights = [_seen(truth, "upright", [(x, 30), (x, 270)]) for x in (100, 300)]
     level = _seen(truth, "level", [(60, 150), (340, 150)])
-    found = motion_from_lines(View(_grey()), [*uprights, level]).motion
-    assert found.confidence is None and found.reason is None
-    assert _largest_difference(found, truth) < 0.02 * HEIGHT < _largest_difference(_motion(0), truth)
+    found = motion_from_lines(View(_grey()), [*uprights, level]).finding
+    assert found.confidence is None and found.reason is None and found.source is MotionSource.HAND
+    assert _largest_difference(found.motion, truth) < 0.02 * HEIGHT < _largest_difference(_motion(0), truth)
 
 
 def test_a_bent_edge_shows_the_bend() -> None:
@@ -60,8 +61,8 @@ def test_a_bent_edge_shows_the_bend() -> None:
     bent = [_seen(truth, "straight", [(x, 5), (x, 295)], 9) for x in (120, 290)]
     uprights = [_seen(truth, "upright", [(x, 0), (x, HEIGHT - 1)]) for x in (120, 290)]
     levels = [_seen(truth, "level", [(60, y), (340, y)]) for y in (40, 150, 260)]  # nothing turned
-    without = motion_from_lines(View(_grey()), [*uprights, *levels]).motion
-    found = motion_from_lines(View(_grey()), [*uprights, *levels, *bent]).motion
+    without = motion_from_lines(View(_grey()), [*uprights, *levels]).finding.motion
+    found = motion_from_lines(View(_grey()), [*uprights, *levels, *bent]).finding.motion
     col, row = found.rs_to_gs(*np.array(bent[0].points).T)
     assert abs(col[4] - (col[0] + (row[4] - row[0]) / (row[-1] - row[0]) * (col[-1] - col[0]))) < 0.5
     assert _largest_difference(found, truth) < _largest_difference(without, truth) / 2
@@ -79,9 +80,9 @@ def test_sloppy_lines_leave_no_lean() -> None:
     lines = [DrawnLine("upright", each) for each in points]
     found = motion_from_lines(View(_grey(256, 256)), lines)
     assert found.troubles == (None, None)
-    assert max(map(abs, _leans(found.motion, lines))) < 1.4
+    assert max(map(abs, _leans(found.finding.motion, lines))) < 1.4
     one = motion_from_lines(View(_grey(256, 256)), lines[:1])
-    assert abs(_leans(one.motion, lines[:1])[0]) <= MET_DEG
+    assert abs(_leans(one.finding.motion, lines[:1])[0]) <= MET_DEG
 
 
 def test_uprights_that_converge_meet_above_the_middle() -> None:
@@ -89,7 +90,7 @@ def test_uprights_that_converge_meet_above_the_middle() -> None:
     uprights = [DrawnLine("upright", ((x, 270.0), (x + (199.5 - x) / 15, 30.0))) for x in (80.0, 319.0)]
     found = motion_from_lines(View(_grey()), uprights)
     assert found.troubles == (None, None)
-    assert _largest_difference(found.motion, _motion(0)) < 0.02 * HEIGHT
+    assert _largest_difference(found.finding.motion, _motion(0)) < 0.02 * HEIGHT
 
 
 def test_lines_that_cannot_be_met_are_named() -> None:
@@ -99,7 +100,7 @@ def test_lines_that_cannot_be_met_are_named() -> None:
     across = DrawnLine("level", uprights[0].points)
     found = motion_from_lines(View(_grey()), [*uprights, across])
     assert found.troubles == (None, None, None, Trouble.SIDEWAYS)
-    assert found.motion == motion_from_lines(View(_grey()), uprights).motion
+    assert found.finding == motion_from_lines(View(_grey()), uprights).finding
     receding = DrawnLine("level", ((60, 80), (340, 140)))  # 12 degrees: no camera turns like that
     found = motion_from_lines(View(_grey()), [*uprights, receding])
     assert found.troubles == (None, None, None, Trouble.CONTRADICTS)
@@ -133,7 +134,7 @@ def test_turned_photos_take_positions_of_their_stored_pixels() -> None:
     ]
     one = unshutter.estimate(_grey(), lines=lines)
     other = unshutter.estimate(_grey(), lines=upside_down, readout="bottom-to-top")
-    assert other.tx_px == pytest.approx(one.tx_px, abs=1.0)
+    assert other.motion.tx_px == pytest.approx(one.motion.tx_px, abs=1.0)
 
 
 def test_files(tmp_path: Path) -> None:
@@ -141,8 +142,8 @@ def test_files(tmp_path: Path) -> None:
     assert lines_from_json(lines_as_text(lines)) == lines
     file = tmp_path / "lines.json"
     file.write_text(lines_as_text(lines))
-    motion = unshutter.estimate(_grey(), lines=file)
-    assert motion.estimator == "drawn-lines" and motion.height == HEIGHT
+    found = unshutter.estimate(_grey(), lines=file)
+    assert found.estimator == "drawn-lines" and found.motion.height == HEIGHT
 
 
 @pytest.mark.parametrize(

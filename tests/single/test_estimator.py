@@ -30,25 +30,25 @@ def test_the_line_that_was_read_first_is_the_top_row(photo: Photo) -> None:
     view = View(photo, Camera("right-to-left"))
     assert (view.height, view.width, view.up) == (200, 100, (-1, 0))
     assert view.grey().shape == (200, 100)
-    assert view.no_motion("me", "for no reason").readout == "right-to-left"
+    assert view.no_motion("me", "for no reason").motion.readout == "right-to-left"
 
 
 def test_a_cubic_motion_starts_at_rest(photo: Photo) -> None:
     coefficients = np.array([[0.1, -0.2, 0.3], [0.01, 0.02, -0.03]])
-    motion = View(photo).cubic_motion(coefficients, "me", confidence=0.5)
-    assert motion.tx_px[0] == motion.rz_rad[0] == 0
-    assert (motion.width, motion.estimator, motion.confidence) == (200, "me", 0.5)
+    found = View(photo).cubic_motion(coefficients, "me", confidence=0.5)
+    assert found.motion.tx_px[0] == found.motion.rz_rad[0] == 0
+    assert (found.motion.width, found.estimator, found.confidence) == (200, "me", 0.5)
     first, last = 0.5 / 100, 99.5 / 100
     tx, rz = (np.polynomial.Polynomial([0, *c]) for c in coefficients)
-    assert motion.tx_px[-1] == pytest.approx(100 * (tx(last) - tx(first)))
-    assert motion.rz_rad[-1] == pytest.approx(rz(last) - rz(first))
+    assert found.motion.tx_px[-1] == pytest.approx(100 * (tx(last) - tx(first)))
+    assert found.motion.rz_rad[-1] == pytest.approx(rz(last) - rz(first))
 
 
 def test_rotations_that_no_camera_makes_are_declined(photo: Photo) -> None:
     turning = np.linspace(0, 1, 100)[:, None] * np.array([0.0, 0.0, 0.1])
     found = View(photo, Camera(focal_px=300.0)).rotation_motion(turning, "me")
-    assert isinstance(found, RotationMotion)
-    assert (found.focal_px, found.estimator, found.reference) == (300, "me", "first")
+    assert isinstance(found.motion, RotationMotion)
+    assert (found.motion.focal_px, found.estimator, found.motion.reference) == (300, "me", "first")
     folded = View(photo, Camera(focal_px=300.0)).rotation_motion(14 * turning, "me")
-    assert folded.is_zero
+    assert folded.motion.is_zero
     assert str(folded.reason).startswith("no camera can make the motion that was found")

@@ -17,7 +17,7 @@ def test_an_undistorted_facade_is_left_alone(facade: np.ndarray) -> None:
 def test_what_cannot_be_used_is_declined() -> None:
     estimator = unshutter.load("manhattan")
     blank = estimator.estimate(View(Photo.from_array(np.full((200, 300), 128, np.uint8))))
-    assert blank.is_zero
+    assert blank.motion.is_zero
     assert "0 straight segments" in str(blank.reason)
     wide = estimator.estimate(View(Photo.from_array(np.zeros((100, 400), np.uint8))))
     assert "2.5 times" in str(wide.reason)

@@ -12,7 +12,8 @@ import pytest
 
 import unshutter
 from support.installed import install
-from unshutter import Estimator, Motion, UnshutterError, UsageError, View
+from unshutter import Estimator, UnshutterError, UsageError, View
+from unshutter.motion.finding import Finding
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
 from unshutter.single.register import METHODS, check_name, load, method, names
@@ -27,7 +28,7 @@ class Tilted(Estimator):
     def estimate(self, view: View) -> Motion:
         assert view.grey(96).shape[0] == 96
         tilt = view.attitude_deg()[1]
-        return RowMotion.from_polynomials([0, tilt], [0], view.height, view.width, estimator=self.name)
+        return RowMotion.from_polynomials([0, tilt], [0], view.height, view.width)
 """
 
 
@@ -46,9 +47,9 @@ def test_an_installed_package_adds_a_method(tmp_path: Path, rolling_facade: np.n
     Photo.from_array(rolling_facade).save(photo)
     done = lines_of(["estimate", str(photo), "--json", "--estimator", "tilted", "--tilt-deg", "7"], tmp_path)
     assert (done.returncode, done.stderr) == (0, f"{photo}: motion, points moved by up to 7.0 px\n")
-    motion = Motion.from_json(done.stdout)
-    assert motion.estimator == "tilted"
-    assert motion.tx_px[-1] == pytest.approx(7)
+    found = Finding.from_json(done.stdout)
+    assert found.estimator == "tilted"
+    assert found.motion.tx_px[-1] == pytest.approx(7)
     listed = lines_of(["models"], tmp_path)
     assert "tilted: tells the tilt that it was told" in listed.stdout.splitlines()
     refused = lines_of(["estimate", str(photo), "--estimator", "tiltd"], tmp_path)
@@ -118,10 +119,10 @@ def test_every_method_keeps_the_contract(
     assert estimator is unshutter.load(name)  # built once
     assert (estimator.name, estimator.method) == (name, method(name))
     estimator.prepare()
-    motion = estimator.estimate(View(Photo.from_array(rolling_facade)))
-    assert (motion.height, motion.width) == rolling_facade.shape[:2]
-    assert motion.estimator == name
-    assert motion.reference == "first"
+    found = Finding.of(estimator.estimate(View(Photo.from_array(rolling_facade))), name)
+    assert (found.motion.height, found.motion.width) == rolling_facade.shape[:2]
+    assert found.estimator == name
+    assert found.motion.reference == "first"
     grey_px = method(name).grey_px  # what is decoded before the method is imported
     assert asked == ([] if grey_px is None else [grey_px])
 

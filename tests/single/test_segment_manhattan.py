@@ -18,45 +18,45 @@ def test_the_shipped_model_finds_the_motion_of_a_photo(basilica: tuple[np.ndarra
     found = unshutter.estimate(picture)
     nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
     assert nothing > 5
-    assert (found.height, found.width, found.estimator) == (truth.height, truth.width, DEFAULT_ESTIMATOR)
-    assert found.tx_px[0] == found.rz_rad[0] == 0
-    assert motion_error(found, truth).epe < 0.35 * nothing
+    assert (found.motion.height, found.motion.width, found.estimator) == (truth.height, truth.width, DEFAULT_ESTIMATOR)
+    assert found.motion.tx_px[0] == found.motion.rz_rad[0] == 0
+    assert motion_error(found.motion, truth).epe < 0.35 * nothing
 
 
 def test_an_undistorted_facade_is_left_nearly_alone(facade: np.ndarray) -> None:
     found = unshutter.estimate(facade)
-    assert np.abs(found.tx_px).max() * 256 / found.height < 2.5
-    assert np.degrees(np.abs(found.rz_rad).max()) < 1
+    assert np.abs(found.motion.tx_px).max() * 256 / found.motion.height < 2.5
+    assert np.degrees(np.abs(found.motion.rz_rad).max()) < 1
 
 
 def test_the_size_of_the_photo_does_not_matter_much(basilica: tuple[np.ndarray, Motion]) -> None:
     picture, truth = basilica
     half = np.asarray(picture.reshape(245, 2, 245, 2, 3).mean((1, 3)), np.uint8)
     found = unshutter.estimate(half).resized(490, 490)
-    assert motion_error(found, truth).epe < 0.5 * motion_error(RowMotion.zero(490, 490), truth).epe
+    assert motion_error(found.motion, truth).epe < 0.5 * motion_error(RowMotion.zero(490, 490), truth).epe
 
 
 def test_mirroring_mirrors_the_motion(basilica: tuple[np.ndarray, Motion]) -> None:
     """Up to what the detector finds differently."""
     picture, _ = basilica
     found, mirrored = unshutter.estimate(picture), unshutter.estimate(picture[:, ::-1].copy())
-    opposite = RowMotion(found.width, -mirrored.tx_px, -mirrored.rz_rad)
-    assert motion_error(opposite, found).epe < 1.0
+    opposite = RowMotion(found.motion.width, -mirrored.motion.tx_px, -mirrored.motion.rz_rad)
+    assert motion_error(opposite, found.motion).epe < 1.0
 
 
 def test_without_segments_it_says_so_and_does_nothing() -> None:
     grey = np.full((200, 300), 128, np.uint8)
-    motion = unshutter.estimate(grey)
-    assert motion.is_zero
-    assert "0 straight segments" in str(motion.reason)
-    assert json.loads(motion.to_json())["reason"] == str(motion.reason)
+    found = unshutter.estimate(grey)
+    assert found.motion.is_zero
+    assert "0 straight segments" in str(found.reason)
+    assert json.loads(found.to_json())["reason"] == str(found.reason)
     np.testing.assert_array_equal(unshutter.rectify(grey).array, grey)
 
 
 def test_a_panorama_is_declined() -> None:
-    motion = unshutter.estimate(np.zeros((100, 400), np.uint8))
-    assert motion.is_zero
-    assert "2.5 times" in str(motion.reason)
+    found = unshutter.estimate(np.zeros((100, 400), np.uint8))
+    assert found.motion.is_zero
+    assert "2.5 times" in str(found.reason)
 
 
 def test_it_states_its_confidence(basilica: tuple[np.ndarray, Motion]) -> None:
@@ -73,11 +73,11 @@ def test_answer_for_the_shipped_photo() -> None:
     The photo is a file: drawing one needs OpenCV's remap, whose pixels differ by up to 3 levels between 4.x and 5.x.
     From the same pixels, 4.11 and 5.0 gave motions equal to 1e-5 px on 33 photos.
     """
-    motion = unshutter.estimate(Path(__file__).parents[2] / "examples" / "demo.jpg")
+    found = unshutter.estimate(Path(__file__).parents[2] / "examples" / "demo.jpg")
     rows = [98, 196, 294, 392]
-    np.testing.assert_allclose(motion.tx_px[rows], (12.046339, 27.695562, 46.901871, 69.619463), rtol=1e-5)
-    np.testing.assert_allclose(motion.rz_rad[rows], (0.00515312, 0.00800525, 0.00877954, 0.00769911), rtol=1e-5)
-    assert motion.confidence == 0.97  # the most that is ever stated; it was 0.9907 before there was a limit
-    assert dict(motion.kind_shares) == pytest.approx(
+    np.testing.assert_allclose(found.motion.tx_px[rows], (12.046339, 27.695562, 46.901871, 69.619463), rtol=1e-5)
+    np.testing.assert_allclose(found.motion.rz_rad[rows], (0.00515312, 0.00800525, 0.00877954, 0.00769911), rtol=1e-5)
+    assert found.confidence == 0.97  # the most that is ever stated; it was 0.9907 before there was a limit
+    assert dict(found.kind_shares) == pytest.approx(
         {"quadratic": 0.7962091, "hand": 0.1995909, "pan": 0.0042001}, rel=1e-4
     )

@@ -115,9 +115,9 @@ def test_a_smeared_photo_is_left_alone_until_its_direction_is_likely_or_stated()
     photo = Photo.from_array(distorted(askew, motion, height * EXPOSURE_S / READOUT_S), EXPOSURE_S)
     method, camera = load("segment-manhattan"), Camera(readout_ms=1000 * READOUT_S)
     still, first, second = method.candidates(View(photo, camera))
-    assert still.motion.is_zero and still.motion.reason == Reason(Code.WHICH_WAY)
+    assert still.motion.is_zero and still.finding.reason == Reason(Code.WHICH_WAY)
     assert first.probability < 0.8 and first.probability + second.probability == pytest.approx(1)
-    assert still.motion.confidence == first.probability
+    assert still.finding.confidence == first.probability
     for way, sign in (("left", 1), ("right", -1)):
         stated = method.candidates(View(photo, replace(camera, moving=way)))[0]
         assert stated.probability > 0.95 and np.sign(stated.motion.tx_px[-1]) == sign

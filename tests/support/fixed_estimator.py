@@ -1,6 +1,6 @@
 """An estimator whose answer is known beforehand."""
 
-from unshutter import Motion
+from unshutter import Finding, Motion
 from unshutter.single.estimator import Estimator, View
 
 
@@ -10,9 +10,9 @@ class Fixed:
     name = "fixed"
     candidates = Estimator.candidates
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: Motion | Finding) -> None:
         self.motion, self.seen = motion, []
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Motion | Finding:
         self.seen.append(view)
         return self.motion.resized(view.height, view.width)

@@ -105,19 +105,20 @@ def check_drawn_picture(name: str, degrees, left: float) -> None:
     truth = turning(*degrees)
     picture = drawn_picture(truth)
     found = unshutter.estimate(picture, estimator=name, focal_px=FOCAL)
-    assert isinstance(found, RotationMotion)
-    assert (found.focal_px, found.estimator, found.height, found.width) == (FOCAL, name, HEIGHT, WIDTH)
-    assert not found.rotations[0].any()
-    assert share_left(found, truth) < left
+    motion = found.motion
+    assert isinstance(motion, RotationMotion)
+    assert (motion.focal_px, found.estimator, motion.height, motion.width) == (FOCAL, name, HEIGHT, WIDTH)
+    assert not motion.rotations[0].any()
+    assert share_left(motion, truth) < left
     again = unshutter.estimate(picture, estimator=name, focal_px=FOCAL)
-    np.testing.assert_array_equal(again.tx_px, found.tx_px)  # seeded
+    np.testing.assert_array_equal(again.motion.tx_px, motion.tx_px)  # seeded
 
 
 def check_nothing_is_done_without_lines(name: str) -> None:
     """And it is said why."""
-    motion = unshutter.estimate(np.full((200, 300), 128, np.uint8), estimator=name)
-    assert motion.is_zero
-    assert "only 0" in str(motion.reason)
+    found = unshutter.estimate(np.full((200, 300), 128, np.uint8), estimator=name)
+    assert found.motion.is_zero
+    assert "only 0" in str(found.reason)
 
 
 def lines_as_text(lines: Iterable[DrawnLine]) -> str:

@@ -1,9 +1,8 @@
 """An estimator that answers with the same shear for every photo, as surely as it is told to."""
 
-from dataclasses import replace
-
-from unshutter.motion import Motion, RowMotion
-from unshutter.reasons import Reason
+from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
+from unshutter.reasons import MotionSource, Reason
 from unshutter.single import register
 from unshutter.single.estimator import Estimator, View
 
@@ -15,8 +14,8 @@ class Sure(Estimator):
         super().__init__(register.method("none"))
         self.confidence, self.px, self.reason = confidence, px, reason
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         if self.reason:
             return view.no_motion(self.name, self.reason)
         motion = RowMotion.from_polynomials([0, self.px], [0], view.height, view.width, readout=view.readout)
-        return replace(motion, estimator=self.name, confidence=self.confidence)
+        return Finding(motion, estimator=self.name, source=MotionSource.PIXELS, confidence=self.confidence)

@@ -11,6 +11,7 @@ from support import clips, two_layers
 from support.covering import thorough
 from unshutter.cli import main
 from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.options import MAX_PIXELS
 from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.video.clip import ClipRequest, look
@@ -160,7 +161,7 @@ def test_three_frames_are_held_at_a_time(tmp_path):
 
     def moved():
         for frame in frames_of(clip):
-            item = MovingFrame(frame, RowMotion.zero(65, 98))
+            item = MovingFrame(frame, Finding(RowMotion.zero(65, 98)))
             held.add(item)
             yield item
 

@@ -152,7 +152,7 @@ def test_scales_and_correlations_are_those_that_errors_were_drawn_with() -> None
 def test_coefficients_are_those_of_the_motion() -> None:
     expected = np.array([0.1, -0.2, 0.05, 0.02, 0.03, -0.04])
     view = View(Photo.from_array(np.zeros((90, 120), np.uint8)))
-    motion = view.cubic_motion(expected.reshape(2, 3), "x")
+    motion = view.cubic_motion(expected.reshape(2, 3), "x").motion
     assert isinstance(motion, RowMotion)
     np.testing.assert_allclose(coefficients_of(motion), expected, atol=1e-9)
 

@@ -14,6 +14,7 @@ from support.fixed_estimator import Fixed
 from support.looking_back import backward_map
 from unshutter import Motion, RowMotion
 from unshutter.motion import RotationMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.warp import validity_mask
 from unshutter.photo import Photo
 from unshutter.single.estimator import Estimator, View
@@ -64,7 +65,7 @@ def test_the_truth_scores_as_the_oracle(photo: Path) -> None:
 
 def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> None:
     made = case(photo, Suite("256 px"))
-    sure = RowMotion.from_polynomials([0, 20], [0], 256, 256, confidence=0.25)
+    sure = Finding(RowMotion.from_polynomials([0, 20], [0], 256, 256), confidence=0.25)
     (record,) = made.judge(["sure"], lambda name: Fixed(sure))
     assert record["confidence"] == 0.25
     silent = RowMotion.from_polynomials([0, 20], [0], 256, 256)
@@ -90,8 +91,8 @@ def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> No
 def test_a_record_says_whether_rectify_would_leave_the_photo_alone(
     px: float, confidence: float | None, cause: str, photo: Path
 ) -> None:
-    motion = RowMotion.from_polynomials([0, px], [0], 256, 256, confidence=confidence)
-    (record,) = case(photo, Suite("still", still=True)).judge(["fixed"], lambda name: Fixed(motion))
+    finding = Finding(RowMotion.from_polynomials([0, px], [0], 256, 256), confidence=confidence)
+    (record,) = case(photo, Suite("still", still=True)).judge(["fixed"], lambda name: Fixed(finding))
     assert record["left_alone"] == cause
     assert (record["epe"] > 0.1) == (px > 0)  # of the motion found, undone or not
 

@@ -15,6 +15,7 @@ from support.fixed_estimator import Fixed
 from unshutter import Motion
 from unshutter.cli import main
 from unshutter.motion import RotationMotion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.photo import Photo
 from unshutter.single.register import load
 from unshutter_lab.evaluation.case import rectified
@@ -160,7 +161,7 @@ def test_answers_from_elsewhere_are_a_method_in_the_tables(yards: Path, tmp_path
     (still,) = (name for name, known in listed.items() if known["case"]["suite"] == "still")
     photo = Photo.open(pictures / still)
     bent = RowMotion.from_polynomials([0, 40], [0], photo.height, photo.width)
-    replace(bent, confidence=0.99).save((answers / still).with_suffix(".json"))
+    Finding(bent, confidence=0.99).save((answers / still).with_suffix(".json"))
     assert evaluate(yards, "--estimators", "none", "--answers", str(answers), "-o", str(out)) == 0
     ours = {row["suite"]: row for row in rows_of(out) if row["estimator"] == f"answers:{answers}"}
     assert float(ours["hand 100 ms"]["epe"]) < 1e-4 < 1 < float(ours["hand 100 ms"]["epe_nothing"])

@@ -72,7 +72,7 @@ def test_what_runs_is_the_row_map(exported):
         load(f"kandula2020-research@{exported[1]}"),
         np.ascontiguousarray(draw_picture(300, 7).transpose(1, 2, 0)),
     )
-    motion = unshutter.estimate(pixels, estimator=estimator)
+    motion = unshutter.estimate(pixels, estimator=estimator).motion
     plain = motion.row_motion
     by_row_map = unshutter.rectify(pixels, estimator=estimator, edges="keep").array
     assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=motion, edges="keep").array)

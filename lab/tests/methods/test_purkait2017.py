@@ -84,9 +84,9 @@ def test_a_world_without_three_directions_is_declined() -> None:
     for _ in range(150):
         at, along = rng.uniform(0, 400, 2), rng.uniform(-60, 60, 2)
         cv2.line(grey, *(tuple(map(int, p)) for p in (at, at + along)), color=60, thickness=2, lineType=cv2.LINE_AA)
-    motion = unshutter.estimate(grey, estimator="purkait2017")
-    assert motion.is_zero
-    assert "fit a Manhattan world" in str(motion.reason)
+    found = unshutter.estimate(grey, estimator="purkait2017")
+    assert found.motion.is_zero
+    assert "fit a Manhattan world" in str(found.reason)
 
 
 def test_the_focal_length_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unshutter import Motion, RowMotion, UnshutterError, UsageError
+from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError
 from unshutter.motion.warp import rectify_pixels
 from unshutter_lab.methods.row_map import RowMapMotion, gs_to_rs_by_row_map
 
@@ -23,9 +23,7 @@ COL, ROW = np.meshgrid(np.arange(0, 80, 7.0), np.arange(0, 60, 7.0))
 
 def motion(*row_map, **common) -> RowMapMotion:
     plain = RowMotion.from_polynomials([0, 12, -5], [0, 0.08], 60, 80)
-    return RowMapMotion(
-        80, plain.tx_px, plain.rz_rad, *(row_map or ROW_MAP), **{"estimator": "kandula2020-research", **common}
-    )
+    return RowMapMotion(80, plain.tx_px, plain.rz_rad, *(row_map or ROW_MAP), **common)
 
 
 def test_with_the_true_rows_eq_1_is_the_exact_inverse() -> None:
@@ -59,14 +57,14 @@ def test_it_is_a_value_that_survives_pickling() -> None:
 @pytest.mark.parametrize("reference", ["first", "middle", "last"])
 def test_another_reference_sees_the_same_scene_from_another_pose(reference) -> None:
     """What stood at p in the first row's picture stands at R p + t in the other's: both look at one RS position."""
-    first = motion(confidence=0.5)
+    first = motion(readout=Readout.LEFT_TO_RIGHT)
     other = first.rereferenced(reference)
     tx, rz = first.tx_px[other.reference_row], first.rz_rad[other.reference_row]
     x, y = COL - 39.5, ROW - 29.5
     moved = x * np.cos(rz) - y * np.sin(rz) + tx + 39.5, x * np.sin(rz) + y * np.cos(rz) + 29.5
     np.testing.assert_allclose(other.gs_to_rs(*moved), first.gs_to_rs(COL, ROW), atol=1e-9)
     np.testing.assert_allclose(other.rereferenced("first").gs_to_rs(COL, ROW), first.gs_to_rs(COL, ROW), atol=1e-9)
-    assert (other.reference, other.confidence, other.tx_px[other.reference_row]) == (reference, 0.5, 0)
+    assert (other.reference, other.readout, other.tx_px[other.reference_row]) == (reference, first.readout, 0)
 
 
 def test_it_is_resized_exactly() -> None:

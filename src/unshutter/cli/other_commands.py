@@ -105,8 +105,8 @@ def _map(arguments: Map) -> int:
     """Writes the map and reports it; returns the exit code."""
     from unshutter.export import map_file
 
-    motion = map_file(**vars(arguments))
-    note = f" (changes nothing: {motion.reason})" if motion.reason else ""
+    found = map_file(**vars(arguments))
+    note = f" (changes nothing: {found.reason})" if found.reason else ""
     tell(f"{arguments.source} -> {arguments.output}{note}")
     return 0
 

@@ -39,16 +39,16 @@ def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bo
     most = MOST_IN_FOLDER if how.odds.folder else MOST_STATED
     found = _list_candidates(view, estimator or load(how.estimator), how.no_film)
     candidates = tuple(each.rereferenced("first").as_stated(most) for each in found)
-    return Finding(candidates[0].motion, candidates)
+    return replace(candidates[0].finding, candidates=candidates)
 
 
 def _list_candidates(view: View, estimator: Estimator, no_film: bool) -> tuple[Candidate, ...]:
     evidence = None if no_film else _film_evidence(view, estimator)
-    if evidence is not None and evidence.motion is not None:
-        return list_single(view.noted(evidence.motion), view.photo.orientation)
+    if evidence is not None and evidence.finding is not None:
+        return list_single(view.noted(evidence.finding), view.photo.orientation)
     unused = None if evidence is None else evidence.reason
     found = find_candidates(estimator, view)
-    return tuple(replace(each, motion=replace(each.motion, film=unused)) for each in found)
+    return tuple(replace(each, finding=replace(each.finding, film=unused)) for each in found)
 
 
 def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:

@@ -16,12 +16,13 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.camera import ROWS, Fit, turn_between, turn_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
-from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion import RotationMotion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio
 from unshutter.orientation import Readout
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, MotionSource, Reason
 
 SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}
 
@@ -125,7 +126,7 @@ class FrameMotion:
         """Whether there is no motion because the readout ratio is unknown."""
         return self.reason is not None and self.reason.code is Code.RATIO_UNKNOWN
 
-    def motion(self, reference: Reference = "first") -> Motion:
+    def finding(self, reference: Reference = "first") -> Finding:
         """Returns the frame's motion; zero, with the reason, if none was found."""
         if self.fit is None or self.reason is not None:
             return self._none(self.reason)
@@ -137,14 +138,13 @@ class FrameMotion:
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
             return self._none(Reason(Code.HARDLY_MOVED))
-        common = {"readout": self.readout, "estimator": NAME}
         focal = self.fit.focal_px * self.height / ROWS
         try:
-            motion = RotationMotion(self.width, rotations=rotations, focal_px=focal, lens=self.lens, **common)
+            motion = RotationMotion(self.width, rotations, focal, self.lens, readout=self.readout)
             motion.check_unfolded()
         except UnshutterError as error:
             return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
-        return motion.rereferenced(reference)
+        return Finding(motion.rereferenced(reference), estimator=NAME, source=MotionSource.NEIGHBOURS)
 
     def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """Returns the camera's rotation [rad] at times after the frame's first row [frame intervals]; needs a fit."""
@@ -189,5 +189,6 @@ class FrameMotion:
         focal = self.focal or usual_focal(self.tracks)
         return Step(turn_between(self.tracks, focal), focal / ROWS)
 
-    def _none(self, reason: Reason | None) -> Motion:
-        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
+    def _none(self, reason: Reason | None) -> Finding:
+        motion = RowMotion.zero(self.height, self.width, readout=self.readout)
+        return Finding(motion, estimator=NAME, source=MotionSource.NEIGHBOURS, reason=reason)

@@ -16,7 +16,7 @@ from unshutter.frames.camera import ROWS, Problem, steady
 from unshutter.frames.registration import Frames, Matches, Placement, StillFit, fit_still, matches, placement
 from unshutter.frames.self_calibration import fewer, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import probability_better
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
@@ -94,7 +94,7 @@ def _grey(frame: Any) -> np.ndarray:
     return frame.to_ndarray(format="gray", interpolation="AREA", **size)
 
 
-NAME = MotionSource.FILM.value
+NAME = "film"
 _AROUND, _FEWEST = 30, 6  # frames used on each side of the photo; fewest frames of a usable film
 _MATCHED = 2  # frames on each side that the photo is compared with
 _USUAL_RATIO = ReadoutRatio(0.6, 0.2, ReadoutSource.USUAL)  # typical of phones' films
@@ -112,7 +112,7 @@ class FilmEvidence:
     """The evidence of a photo's film about the photo's motion."""
 
     # the photo's motion, zero with a reason if the camera stood still; None if the film is inconclusive
-    motion: Motion | None = None
+    finding: Finding | None = None
     reason: Reason | None = None  # why the film is inconclusive; otherwise None
 
 
@@ -271,14 +271,15 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> F
     turns = turns - turns[0]
     size = float(np.linalg.norm(turns * shape, axis=1).mean())
     if size < _LEAST_PX:
-        return FilmEvidence(view.no_motion(NAME, Reason(Code.FILM_STOOD_STILL)))
-    motion = view.rotation_motion(turns / frames.fit.focal_px, NAME)
-    if motion.is_zero:  # the fitted motion would fold the picture
+        return FilmEvidence(replace(view.no_motion(NAME, Reason(Code.FILM_STOOD_STILL)), source=MotionSource.FILM))
+    found = view.rotation_motion(turns / frames.fit.focal_px, NAME)
+    if found.motion.is_zero:  # the fitted motion would fold the picture
         return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
     error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
     better = probability_better(size, float(error))
-    return FilmEvidence(replace(motion, confidence=better, expected_error=float(error) / ROWS))
+    known = {"source": MotionSource.FILM, "confidence": better, "expected_error": float(error) / ROWS}
+    return FilmEvidence(replace(found, **known))
 
 
 def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from unshutter.frames.self_calibration import (
     usual_focal,
 )
 from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.options import Camera, Clock, Reference, Undo, check_focal
 from unshutter.options.fields import for_python, from_keywords
@@ -198,7 +198,7 @@ def estimate_frames(
     focal_px: float | None = None,
     readout: str = "auto",
     reference: Reference | None = None,
-) -> Iterator[Motion]:
+) -> Iterator[Finding]:
     """Estimates the camera's motion during the readout of each frame of a sequence, from its neighbouring frames.
 
     Exact where a single photo is not: a scene moving by v from frame to frame is sheared by ratio * v over a frame's
@@ -221,15 +221,15 @@ def estimate_frames(
         UnshutterError: a frame cannot be read.
 
     Examples:
-        >>> motions = unshutter.estimate_frames(["a.jpg", "b.jpg", "c.jpg"], readout_ratio=0.7)
-        >>> [motion.height for motion in motions]
+        >>> frames = unshutter.estimate_frames(["a.jpg", "b.jpg", "c.jpg"], readout_ratio=0.7)
+        >>> [found.motion.height for found in frames]
         [360, 360, 360]
     """
     camera = from_keywords(Camera, {"readout": readout, "focal_px": focal_px, "readout_ms": readout_ms})
     row = from_keywords(Undo, {"reference": reference}).reference or "first"
     clock = from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": fps})
     finder = CameraMotion(stated_ratio(clock, camera), camera.focal_px, camera.direction)
-    return (frame.motion(row) for frame in finder.frames(frames))
+    return (frame.finding(row) for frame in finder.frames(frames))
 
 
 def stated_ratio(clock: Clock, camera: Camera) -> ReadoutRatio | None:

@@ -34,7 +34,7 @@ from unshutter.orientation import Readout
 from unshutter.photo import Photo
 from unshutter.photo.photo import AnyPhoto, check_size, files_behind, open_photo
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
-from unshutter.reasons import Cause
+from unshutter.reasons import Cause, MotionSource
 from unshutter.storage.opened import Opened
 
 Model = Literal["camera", "dense", "alone"]
@@ -191,7 +191,8 @@ def rectify_densely(
     )
     back = -options.readout.quarter_turns
     pixels, valid = np.rot90(picture.pixels, back), np.rot90(picture.valid, back)
-    no_single_motion = Finding(RowMotion.zero(*frames[0].shape[:2], readout=options.readout, estimator="frames-dense"))
+    nothing = RowMotion.zero(*frames[0].shape[:2], readout=options.readout)
+    no_single_motion = Finding(nothing, estimator="frames-dense", source=MotionSource.NEIGHBOURS)
     if picture.reason:
         return RectifiedFrame(current.photo, current.photo, Verdict(no_single_motion, 0.0, picture.reason), valid=valid)
     edges, window, whole = EdgePolicy(options.undo.edges).decide(valid.shape, lambda: valid_window(valid))
@@ -374,7 +375,7 @@ def _by_neighbours(
 
 def rectify_by_camera(photo: Photo, motion: FrameMotion, undo: Undo) -> RectifiedFrame:
     """Rectifies a photo by the camera's motion that a sequence shows."""
-    return _rectify_by(Finding(motion.motion(undo.reference or "first")), photo, undo, "camera")
+    return _rectify_by(motion.finding(undo.reference or "first"), photo, undo, "camera")
 
 
 def _rectify_by(finding: Finding, photo: Photo, undo: Undo, model: Model) -> RectifiedFrame:

@@ -1,19 +1,237 @@
-"""Finding: what is found about a photo's motion, and the candidates that a person can choose from."""
+"""Finding: what is known about a photo's motion, and the candidates that a person can choose from; its motion file."""
 
 from __future__ import annotations
 
 import json
+import math
+import os
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
-from unshutter.motion.motion import Motion
+from unshutter.errors import UnshutterError, UsageError, visible
+from unshutter.motion import motion_file
+from unshutter.motion.motion import Motion, interpolated, matching_rows, row_index
+from unshutter.motion.motion_file import number_of
+from unshutter.motion.upright import Angle, Pose
 from unshutter.options import Camera, Reference
 from unshutter.orientation import scene_up
-from unshutter.reasons import MOST_STATED, as_stated, pixels
+from unshutter.reasons import MOST_STATED, MotionSource, Reason, as_stated, pixels
+from unshutter.version import __version__
+
+
+@dataclass(frozen=True)
+class Chance:
+    """What a photo says about whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
+
+    log_odds: float  # that the camera moved, if half of all cameras did
+    turning_point: float  # log odds of the folder from which a motion is undone
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is found about a photo's motion, or given: the motion, where it comes from and how sure it is.
+
+    Attributes:
+        motion: the motion that fits best, or was chosen; zero, with a reason, if the photo does not show enough.
+        estimator: name of the method that found it, or of another source; ``given`` if unknown.
+        source: where it comes from.
+        confidence: probability (0 ... 1) that undoing it brings the photo closer to the truth; for no motion, that no
+            motion would, unless the reason is that a motion was too unsure: then the probability is that motion's.
+            None if the estimator does not report one.
+        expected_error: mean displacement that is expected to remain if it does, as a share of the rows; None if the
+            estimator does not report one.
+        reason: why there is no motion, if the estimator declined; otherwise None.
+        roll, tilt: attitude of the camera (see :class:`~unshutter.options.Camera`); None if unknown when the motion was
+            found.
+        attitude_from: source of the attitude, in words; empty if unknown.
+        exposure_s: exposure time of the photo [s]; None if unknown.
+        kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
+            (name, share); empty if the estimator does not report them.
+        film: why the film inside the photo was not used; None if it was used or the photo has none.
+        chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
+        held, held_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
+        version: version of unshutter that found it.
+        candidates: all motions that fit, the best one first; empty if there was no choice.
+
+    Raises:
+        UnshutterError: a number is impossible.
+    """
+
+    motion: Motion
+    _: KW_ONLY
+    estimator: str = "given"
+    source: MotionSource = MotionSource.GIVEN
+    confidence: float | None = None
+    expected_error: float | None = None
+    reason: Reason | None = None
+    roll: Angle | None = None
+    tilt: Angle | None = None
+    attitude_from: str = ""
+    exposure_s: float | None = None
+    kind_shares: tuple[tuple[str, float], ...] = ()
+    film: Reason | None = None
+    chance: Chance | None = None
+    held: Pose | None = None
+    held_at_rest: Pose | None = None
+    version: str = __version__
+    candidates: tuple[Candidate, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.confidence is not None and not 0 <= self.confidence <= 1:
+            raise UnshutterError(f"a confidence lies between 0 and 1, got {self.confidence:g}")
+        angles = {"roll": self.roll and self.roll.deg, "tilt": self.tilt and self.tilt.deg}
+        for name, number in (*angles.items(), ("exposure", self.exposure_s)):
+            if number is not None and not math.isfinite(number):
+                raise UnshutterError(f"the motion's {name} is not a finite number: {number}")
+
+    @classmethod
+    def of(cls, answer: Motion | Finding, estimator: str) -> Finding:
+        """Returns the answer of an estimator, which may be just a motion."""
+        if isinstance(answer, Finding):
+            return answer
+        return cls(answer, estimator=estimator, source=MotionSource.PIXELS)
+
+    def __repr__(self) -> str:
+        sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
+        why = "" if self.reason is None else f", {self.reason}"
+        return f"Finding({self.motion!r}, {self.estimator}{sure}{why})"
+
+    # ---- of another row, size or choice ------------------------------------------------------------------------
+
+    def rereferenced(self, reference: Reference) -> Finding:
+        """Returns the finding with its motion relative to another reference row."""
+        turned = float(self.motion.rz_rad[row_index(reference, self.motion.height)])
+        return replace(self, motion=self.motion.rereferenced(reference), held=self.held and self.held.rolled(turned))
+
+    def resized(self, height: int, width: int) -> Finding:
+        """Returns the finding for another size of the photo's readout frame; the aspect ratio must fit."""
+        old = self.motion
+        motion = old.resized(height, width)
+        if motion is old or self.held is None:
+            return replace(self, motion=motion)
+        at = matching_rows(old.height, height)[motion.reference_row]  # the reference row is read at another time
+        turned = float(interpolated(np.array([at]), np.arange(old.height, dtype=np.float64), old.rz_rad)[0])
+        return replace(self, motion=motion, held=self.held.rolled(turned))
+
+    def as_stated(self, most: float = MOST_STATED) -> Finding:
+        """Returns the finding with its confidence, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
+        sure = None if self.confidence is None else as_stated(self.confidence, most)
+        return replace(self, confidence=sure, reason=self.reason and self.reason.as_stated(most))
+
+    def choose(self, number: int | None) -> Finding:
+        """Returns the finding of a candidate, counted from 1; None: as it is, with its confidence.
+
+        A motion that a person has chosen has no confidence, as no doubt remains.
+
+        Raises:
+            UnshutterError: there is no such candidate.
+        """
+        if number is None:
+            return self
+        if number > len(self.candidates):
+            listed = ", ".join(each.description for each in self.candidates)
+            raise UnshutterError(f"there is no candidate {number}: the photo has {len(self.candidates)} ({listed})")
+        taken = self.candidates[number - 1]
+        strength = 0 if taken.kind == "still" else 1  # "as it is" leaves no trace of motion, either
+        motion = taken.motion.scaled(strength)
+        return replace(taken.finding, motion=motion, confidence=None, candidates=self.candidates)
+
+    def fit(self, height: int, width: int, readout: str = "auto") -> Finding:
+        """Returns the finding for a stored picture of height x width [px]; the aspect ratio must fit.
+
+        Raises:
+            UsageError: another readout direction is asked for; UnshutterError: the aspect ratio differs.
+        """
+        if readout != "auto" and Camera(readout).direction != self.motion.readout:
+            raise UsageError(f"the motion was made for readout {self.motion.readout}, not {readout}")
+        return self.resized(*self.motion.readout.frame_size(height, width))
+
+    # ---- motion files --------------------------------------------------------------------------------------------
+
+    def to_json(self) -> str:
+        """Returns the finding as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions)."""
+        answer = {"estimator": self.estimator, "confidence": self.confidence, "unshutter": self.version}
+        optional = {
+            "reason": self.reason and str(self.reason),
+            "declined": self.reason and self.reason.as_json(),
+            "attitude": self._attitude_json() if self.attitude_from else None,
+            "exposure_s": self.exposure_s,
+            "expected_error": _rounded(self.expected_error, 6),
+            "kinds": {name: round(share, 4) for name, share in self.kind_shares} or None,
+            "film": self.film and self.film.as_json(),
+            "held": self.held and asdict(self.held),
+            "held_at_rest": self.held_at_rest and asdict(self.held_at_rest),
+        }
+        known = {name: value for name, value in optional.items() if value is not None}
+        return json.dumps(self.motion.as_data(answer) | known)
+
+    def _attitude_json(self) -> dict[str, Any]:
+        angles = {"roll": self.roll, "tilt": self.tilt}
+        data = {f"{name}_deg": angle and angle.deg for name, angle in angles.items()} | {"from": self.attitude_from}
+        stated = {name: angle is not None and angle.stated for name, angle in angles.items()}
+        return data | ({"stated": stated} if any(stated.values()) else {})
+
+    @staticmethod
+    def from_json(text: str) -> Finding:
+        """Parses text written by :meth:`to_json`.
+
+        Raises:
+            UnshutterError: the text is not a motion of this format, or its values are inconsistent.
+        """
+        with motion_file.reading():
+            data = motion_file.parsed(text)
+            return Finding(Motion.of_data(data), **_answer_of(data))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes :meth:`to_json` to a file, as :meth:`Motion.save` does."""
+        motion_file.save(path, self.to_json())
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Finding:
+        """Reads a motion file, as :meth:`Motion.load` does."""
+        return motion_file.load(path, Finding.from_json)
+
+
+# sources by the names in motion files; all others are methods that see the photo
+_SOURCES = {
+    "film": MotionSource.FILM,
+    "frames-camera": MotionSource.NEIGHBOURS,
+    "by-hand": MotionSource.HAND,
+    "drawn-lines": MotionSource.HAND,
+    "given": MotionSource.GIVEN,
+}
+
+
+def _answer_of(data: dict[str, Any]) -> dict[str, Any]:
+    """Returns what a motion file says about its motion, by the names of attributes."""
+    name = visible(str(data.get("estimator", "given")))
+    attitude = dict(data.get("attitude") or {})
+    stated = dict(attitude.get("stated") or {})
+    angles: dict[str, Angle | None] = {}
+    for angle in ("roll", "tilt"):
+        degrees = number_of(attitude.get(f"{angle}_deg"))
+        angles[angle] = None if degrees is None else Angle(degrees, bool(stated.get(angle)))
+    shares = dict(data.get("kinds") or {})
+    return {
+        "estimator": name,
+        "source": _SOURCES.get(name, MotionSource.PIXELS),
+        "confidence": number_of(data.get("confidence")),
+        "expected_error": number_of(data.get("expected_error")),
+        "reason": motion_file.reason_of(data),
+        **angles,
+        "attitude_from": visible(str(attitude.get("from", ""))),
+        "exposure_s": number_of(data.get("exposure_s")),
+        "kind_shares": tuple((visible(str(kind)), float(share)) for kind, share in shares.items()),
+        "film": Reason.from_json(data["film"]) if "film" in data else None,
+        **{held: Pose(**data[held]) for held in ("held", "held_at_rest") if held in data},
+        "version": visible(str(data.get("unshutter", ""))),
+    }
+
+
+# ---- candidates ----------------------------------------------------------------------------------------------------
 
 KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
 Direction = Literal["left", "right", "up", "down"]
@@ -23,26 +241,35 @@ _NAMES = {"hand": "hand", "quadratic": "uneven motion", "other": "motion"}
 _UPRIGHT = 1  # EXIF orientation of a photo stored upright
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Candidate:
     """A possible motion of a photo; leaving the photo unchanged is also a candidate.
 
     Attributes:
         kind: still (the photo is left unchanged), pan, hand (shake), quadratic (uneven motion, as drawn in benchmarks),
             or other (for methods that do not report a kind).
-        motion: for the photo's full size, with the first row as the reference.
-        probability: that undoing this motion brings the photo closer to the truth, 0 to 1, the same as the motion's
+        finding: its motion, for the photo's full size and with the first row as the reference, and what is known of it.
+        probability: that undoing this motion brings the photo closer to the truth, 0 to 1, the same as the finding's
             confidence, so those of several motions need not add up to 1; for the unchanged photo, that the likeliest of
             the others does not. None if the method does not report one.
-        expected_error_px: mean displacement that remains if it does [px]; None if the method does not report one.
         orientation: EXIF orientation of the photo; determines the directions in the description.
     """
 
     kind: KindOfMotion
-    motion: Motion
+    finding: Finding
     probability: float | None = None
-    expected_error_px: float | None = None
     orientation: int = _UPRIGHT
+
+    @property
+    def motion(self) -> Motion:
+        """The motion."""
+        return self.finding.motion
+
+    @property
+    def expected_error_px(self) -> float | None:
+        """Mean displacement that remains if undoing it helps [px]; None if the method does not report one."""
+        error = self.finding.expected_error
+        return None if error is None or self.kind == "still" else error * self.motion.height
 
     @property
     def description(self) -> str:
@@ -68,16 +295,9 @@ class Candidate:
 
     def as_stated(self, most: float = MOST_STATED) -> Candidate:
         """Returns the candidate with its probability, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
-        sure = self.motion.confidence
-        reason = self.motion.reason
-        motion = replace(
-            self.motion,
-            confidence=None if sure is None else as_stated(sure, most),
-            reason=None if reason is None else reason.as_stated(most),
-        )
         least = 1 - MOST_STATED if self.kind == "still" else 0.0  # that nothing helps is never ruled out
         chance = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
-        return replace(self, motion=motion, probability=chance)
+        return replace(self, finding=self.finding.as_stated(most), probability=chance)
 
     def as_json(self) -> dict[str, Any]:
         """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""
@@ -86,18 +306,16 @@ class Candidate:
             "description": self.description,
             "probability": _rounded(self.probability, 4),
             "expected_error_px": _rounded(self.expected_error_px, 2),
-            "motion": json.loads(self.motion.to_json()),
+            "motion": json.loads(self.finding.to_json()),
         }
 
     def rereferenced(self, reference: Reference) -> Candidate:
         """Returns the candidate with its motion relative to another reference row."""
-        return replace(self, motion=self.motion.rereferenced(reference))
+        return replace(self, finding=self.finding.rereferenced(reference))
 
     def resized(self, height: int, width: int) -> Candidate:
         """Returns the candidate for another size of the photo's readout frame."""
-        error = self.expected_error_px
-        scaled = None if error is None else error * height / self.motion.height
-        return replace(self, motion=self.motion.resized(height, width), expected_error_px=scaled)
+        return replace(self, finding=self.finding.resized(height, width))
 
     @property
     def direction(self) -> Direction:
@@ -111,15 +329,12 @@ class Candidate:
         return "down" if upwards > 0 else "up"
 
 
-def list_single(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
+def list_single(found: Finding, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
     """Returns the candidates of a method that finds a single motion: that motion, then the unchanged photo."""
-    if motion.is_zero:
-        return (Candidate("still", motion, motion.confidence, orientation=orientation),)
-    as_it_is = replace(motion.scaled(0), confidence=None)
-    return (
-        Candidate("other", motion, motion.confidence, orientation=orientation),
-        Candidate("still", as_it_is, orientation=orientation),
-    )
+    if found.motion.is_zero:
+        return (Candidate("still", found, found.confidence, orientation),)
+    as_it_is = replace(found, motion=found.motion.scaled(0), confidence=None)
+    return Candidate("other", found, found.confidence, orientation), Candidate("still", as_it_is, None, orientation)
 
 
 def candidates_to_json(candidates: Iterable[Candidate]) -> str:
@@ -130,44 +345,3 @@ def candidates_to_json(candidates: Iterable[Candidate]) -> str:
 
 def _rounded(number: float | None, digits: int) -> float | None:
     return None if number is None else round(number, digits)
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What is found about a photo's motion, or given.
-
-    Attributes:
-        motion: the motion that fits best, or was chosen; zero, with a reason, if the photo does not show enough.
-        candidates: all motions that fit, the best one first; empty if the motion was given.
-    """
-
-    motion: Motion
-    candidates: tuple[Candidate, ...] = ()
-
-    def choose(self, number: int | None) -> Finding:
-        """Returns the finding with the motion of a candidate, counted from 1; None: as it is, with its confidence.
-
-        A motion that a person has chosen has no confidence, as no doubt remains.
-
-        Raises:
-            UnshutterError: there is no such candidate.
-        """
-        if number is None:
-            return self
-        if number > len(self.candidates):
-            listed = ", ".join(each.description for each in self.candidates)
-            raise UnshutterError(f"there is no candidate {number}: the photo has {len(self.candidates)} ({listed})")
-        taken = self.candidates[number - 1]
-        strength = 0 if taken.kind == "still" else 1  # "as it is" leaves no trace of motion, either
-        return replace(self, motion=replace(taken.motion.scaled(strength), confidence=None))
-
-    def fit(self, height: int, width: int, readout: str = "auto") -> Finding:
-        """Returns the finding for a stored picture of height x width [px]; the aspect ratio must fit.
-
-        Raises:
-            UsageError: another readout direction is asked for; UnshutterError: the aspect ratio differs.
-        """
-        if readout != "auto" and Camera(readout).direction != self.motion.readout:
-            raise UsageError(f"the motion was made for readout {self.motion.readout}, not {readout}")
-        size = self.motion.readout.frame_size(height, width)
-        return replace(self, motion=self.motion.resized(*size))

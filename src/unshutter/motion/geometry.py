@@ -243,7 +243,7 @@ class RowMotion(Motion, kind="rows"):
 
     @classmethod
     def zero(cls, height: int, width: int, **common: Any) -> RowMotion:
-        """Returns zero motion; ``common`` sets further attributes (estimator, reason, readout ...)."""
+        """Returns zero motion; ``common`` sets further attributes (reference, readout)."""
         return cls(width, np.zeros(height), np.zeros(height), **common)
 
     @classmethod
@@ -360,8 +360,9 @@ class RowMotion(Motion, kind="rows"):
         shift = self.center_shift_px + float(tx)
         if not (self.rz_rad - rz).any():  # no rotation: the centre is irrelevant
             shift = 0.0
-        moved = replace(self, reference=reference, held=self.held_at(row), center_shift_px=shift)
-        return replace(moved, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz)
+        tx_px = self.tx_px - tx
+        rz_rad = self.rz_rad - rz
+        return replace(self, reference=reference, tx_px=tx_px, rz_rad=rz_rad, center_shift_px=shift)
 
     def resized(self, height: int, width: int) -> RowMotion:
         """Returns this motion for the picture scaled to another size: t_x scales with the width, r_z does not change.

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property, partial
 from importlib import import_module
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from unshutter import errors
-from unshutter.errors import MissingFileError, UnshutterError, UsageError, shortened
+from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.motion import motion_file
 from unshutter.motion.shapes import Float, Float64, Numbers
-from unshutter.motion.upright import NONE_STATED, Pose, Stated
 from unshutter.options import Reference
 from unshutter.orientation import Readout
-from unshutter.reasons import Reason
-from unshutter.storage.files import check_motion_name, check_target, read_text, written_whole
-from unshutter.version import __version__
 
 BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
 
@@ -65,17 +61,12 @@ def positions(col: object, row: object) -> tuple[Float64[np.ndarray, "*at"], Flo
     return col, row
 
 
-@dataclass(frozen=True)
-class Chance:
-    """What a photo says about whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
-
-    log_odds: float  # that the camera moved, if half of all cameras did
-    turning_point: float  # log odds of the folder from which a motion is undone
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(ABC):
     """Camera motion during the readout of one photo, in its readout frame (orientation.py).
+
+    It is geometry; what is known about it, such as who found it and how sure that is, is in a
+    :class:`~unshutter.Finding`.
 
     Abstract: each kind of motion is a final class that defines how positions are mapped; none overrides
     the concrete methods below. A new kind is a subclass, ``class MyMotion(Motion, kind="my-tag")``, that
@@ -86,24 +77,6 @@ class Motion(ABC):
         reference: the row (first | middle | last) whose time is that of the global-shutter picture;
             the motion is zero there.
         readout: direction in which the stored pixels were read.
-        estimator: name of the method or source that found this motion.
-        confidence: probability (0 ... 1) that undoing it brings the photo closer to the truth; for no motion, that no
-            motion would, unless the reason is that a motion was too unsure: then the probability is that motion's.
-            None if the estimator does not report one.
-        expected_error: mean displacement that is expected to remain if it does, as a share of the rows; None if the
-            estimator does not report one.
-        reason: why there is no motion, if the estimator declined; otherwise None.
-        roll_deg, tilt_deg: attitude of the camera (see :class:`~unshutter.options.Camera`) [degrees]; None if unknown
-            when the motion was found.
-        attitude_from: source of the attitude, in words; empty if unknown.
-        stated_angles: which angles of the attitude the user stated.
-        exposure_s: exposure time of the photo [s]; None if unknown.
-        kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
-            (name, share); empty if the estimator does not report them.
-        film: why the film inside the photo was not used; None if it was used or the photo has none.
-        chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
-        held, held_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
-        version: version of unshutter that created the motion.
 
     Raises:
         UnshutterError: a value is not finite, is impossible for a photo, or contradicts another value.
@@ -117,21 +90,6 @@ class Motion(ABC):
     _: KW_ONLY
     reference: Reference = "first"
     readout: Readout = Readout.TOP_TO_BOTTOM
-    estimator: str = "given"
-    confidence: float | None = None
-    expected_error: float | None = None
-    reason: Reason | None = None
-    roll_deg: float | None = None
-    tilt_deg: float | None = None
-    attitude_from: str = ""
-    stated_angles: Stated = NONE_STATED
-    exposure_s: float | None = None
-    kind_shares: tuple[tuple[str, float], ...] = ()
-    film: Reason | None = None
-    chance: Chance | None = None
-    held: Pose | None = None
-    held_at_rest: Pose | None = None
-    version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:
         super().__init_subclass__()
@@ -147,11 +105,6 @@ class Motion(ABC):
         motion_file.check_lengths(self.tx_px)
         motion_file.check_turns(self.rz_rad)
         motion_file.check_size(self.height, self.width)
-        if self.confidence is not None and not 0 <= self.confidence <= 1:
-            raise UnshutterError(f"a confidence lies between 0 and 1, got {self.confidence:g}")
-        for name, number in (("roll", self.roll_deg), ("tilt", self.tilt_deg), ("exposure", self.exposure_s)):
-            if number is not None and not math.isfinite(number):
-                raise UnshutterError(f"the motion's {name} is not a finite number: {number}")
         row_index(self.reference, self.height)
 
     # ---- defined by each kind --------------------------------------------------------------------------
@@ -251,10 +204,6 @@ class Motion(ABC):
         moved = self.rs_to_gs(col, row)
         return float(np.hypot(moved[0] - col, moved[1] - row).max())
 
-    def held_at(self, row: int) -> Pose | None:
-        """Returns how the camera was held when a row was read; None if unknown."""
-        return None if self.held is None else self.held.rolled(float(self.rz_rad[row]))
-
     @property
     def common(self) -> dict[str, Any]:
         """Attributes shared by all kinds, by name."""
@@ -269,17 +218,9 @@ class Motion(ABC):
         return hash((self.kind, self.height, self.tx_px.tobytes(), *self.common.values()))
 
     def __repr__(self) -> str:
-        parts = [
-            f"{self.height} rows x {self.width}",
-            f"t_x up to {np.abs(self.tx_px).max():.1f} px",
-            f"r_z up to {np.degrees(np.abs(self.rz_rad).max()):.1f} deg",
-            self.estimator,
-        ]
-        if self.confidence is not None:
-            parts.append(f"confidence {self.confidence:.2f}")
-        if self.reason:
-            parts.append(str(self.reason))
-        return f"{type(self).__name__}({', '.join(parts)})"
+        shift = f"t_x up to {np.abs(self.tx_px).max():.1f} px"
+        turn = f"r_z up to {np.degrees(np.abs(self.rz_rad).max()):.1f} deg"
+        return f"{type(self).__name__}({self.height} rows x {self.width}, {shift}, {turn})"
 
     def __reduce__(self) -> tuple:  # cached look-up functions cannot be pickled; they are rebuilt
         return partial(type(self), **{field.name: getattr(self, field.name) for field in fields(self)}), ()
@@ -287,31 +228,56 @@ class Motion(ABC):
     # ---- file format -----------------------------------------------------------------------------------
 
     def to_json(self) -> str:
-        """Returns the motion as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions)."""
-        rows = {name: getattr(self, name) for name in ("height", "reference_row", "largest_px", "tx_px", "rz_rad")}
-        return motion_file.written(self.kind, self.common, rows, self._own_data())
+        """Returns the motion as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions), as given."""
+        return json.dumps(self.as_data(motion_file.GIVEN))
+
+    def as_data(self, answer: dict[str, Any]) -> dict[str, Any]:
+        """Returns the keys of a motion file in order, with those of an answer about the motion among them."""
+        largest = self.largest_px
+        return {
+            "format": motion_file.FORMAT,
+            "kind": self.kind,
+            "height": self.height,
+            "width": self.width,
+            "readout": str(self.readout),
+            "reference": self.reference,
+            "reference_row": self.reference_row,
+            "largest_px": round(largest, 3) if math.isfinite(largest) else None,
+            "tx_px": self.tx_px.tolist(),
+            "rz_rad": self.rz_rad.tolist(),
+            **answer,
+            **self._own_data(),
+        }
 
     @staticmethod
     def from_json(text: str) -> Motion:
-        """Parses text written by :meth:`to_json` and returns a motion of the stored kind.
+        """Parses the text of a motion file and returns the motion, without what was known about it.
 
         Raises:
             UnshutterError: the text is not a motion of this format, or its values are inconsistent.
         """
         with motion_file.reading():
-            data = motion_file.parsed(text)
-            first_kinds = "rotations" if "rotations_rad" in data else "rows"  # the earliest files do not name theirs
-            kind = str(data.get("kind", first_kinds))
-            height = motion_file.whole(data["height"])
-            if kind not in Motion._kinds:
-                _import_method(str(data.get("estimator")))
-            if kind not in Motion._kinds:
-                made_by = shortened(data.get("estimator"))
-                raise UnshutterError(
-                    f"cannot read motions of kind '{shortened(kind)}': install the package of the method that found it "
-                    f"({made_by}; {errors.lab()} has research methods), or a newer version"
-                )
-            motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
+            return Motion.of_data(motion_file.parsed(text))
+
+    @staticmethod
+    def of_data(data: dict[str, Any]) -> Motion:
+        """Returns the motion in the contents of a motion file, of the stored kind; call it inside ``reading``.
+
+        Raises:
+            UnshutterError: no installed package has the kind, or the values are inconsistent.
+        """
+        first_kinds = "rotations" if "rotations_rad" in data else "rows"  # the earliest files do not name theirs
+        kind = str(data.get("kind", first_kinds))
+        height = motion_file.whole(data["height"])
+        if kind not in Motion._kinds:
+            _import_method(str(data.get("estimator")))
+        if kind not in Motion._kinds:
+            made_by = shortened(data.get("estimator"))
+            raise UnshutterError(
+                f"cannot read motions of kind '{shortened(kind)}': install the package of the method that found it "
+                f"({made_by}; {errors.lab()} has research methods), or a newer version"
+            )
+        motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
         if height != motion.height:
             raise UnshutterError(f"the motion file states a height of {height} but has {motion.height} rows")
         return motion
@@ -323,37 +289,17 @@ class Motion(ABC):
             UsageError: the name does not end in ``.json``; UnshutterError: the file cannot be written, or is another
             file than a motion.
         """
-        target = Path(path)
-        check_motion_name(target.name)
-        check_target(target, overwrite=True)
-        if target.exists():
-            try:
-                motion_file.parsed(read_text(target))
-            except (OSError, ValueError, RecursionError, UnshutterError):
-                message = "cannot write {motion}: it is another file, not a motion: choose another name"
-                raise UnshutterError(message, motion=target) from None
-        with written_whole(target) as part:
-            part.write_text(self.to_json() + "\n", encoding="utf-8")
+        motion_file.save(path, self.to_json())
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Motion:
-        """Reads a motion file and returns a motion of the stored kind.
+        """Reads the motion in a motion file.
 
         Raises:
             MissingFileError: there is no such file.
             UnshutterError: the file cannot be read or is not a motion.
         """
-        try:
-            text = read_text(Path(path))
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "not a text file"
-            kind = MissingFileError if isinstance(error, FileNotFoundError) else UnshutterError
-            raise kind(f"cannot read motion file {{motion}}: {reason}", motion=path) from None
-        try:
-            return Motion.from_json(text)
-        except UnshutterError as error:
-            error.subject = str(path)
-            raise
+        return motion_file.load(path, Motion.from_json)
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -361,10 +307,10 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _import_method(name: str) -> None:
-    """Imports the method of another package that found a motion, and with it the package's kinds of motion."""
-    points = errors.plugins("unshutter.estimators").select(name=name)
-    for point in points:
+    """Imports the method of another package that found a motion, all if it is unknown, and so their kinds of motion."""
+    points = errors.plugins("unshutter.estimators")
+    for point in points.select(name=name) or points:
         try:
             import_module(point.load().home.partition(":")[0])
         except Exception as error:  # another package's import may raise anything
-            raise UnshutterError(f"cannot load the installed estimator '{name}': {error}") from None
+            raise UnshutterError(f"cannot load the installed estimator '{point.name}': {error}") from None

@@ -1,20 +1,22 @@
-"""Motion files (JSON, format ``unshutter-motion/1``), and the values that motions of any kind and origin may have."""
+"""Motion files (JSON, format ``unshutter-motion/1``), and the values that motions of any kind may have."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, visible
-from unshutter.motion.upright import Pose, Stated
+from unshutter.errors import MissingFileError, UnshutterError, visible
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
+from unshutter.storage.files import check_motion_name, check_target, read_text, written_whole
+from unshutter.version import __version__
 
 # Far beyond any real photo, so that only mistakes exceed them, and far below the limits of floating point.
 MOST_SIDE = 1_000_000  # px
@@ -78,40 +80,8 @@ def check_aspect(height: int, width: int, new_height: int, new_width: int) -> No
 
 
 FORMAT = "unshutter-motion/1"
-
-
-def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[str, Any]) -> str:
-    """Returns a motion as JSON text."""
-    data = {
-        "format": FORMAT,
-        "kind": kind,
-        "height": rows["height"],
-        "width": common["width"],
-        "readout": str(common["readout"]),
-        "reference": common["reference"],
-        "reference_row": rows["reference_row"],
-        "largest_px": round(rows["largest_px"], 3) if math.isfinite(rows["largest_px"]) else None,
-        "tx_px": rows["tx_px"].tolist(),
-        "rz_rad": rows["rz_rad"].tolist(),
-        "estimator": common["estimator"],
-        "confidence": common["confidence"],
-        "unshutter": common["version"],
-        **own,
-    }
-    reason, film, attitude_from = (common[name] for name in ("reason", "film", "attitude_from"))
-    attitude = {"roll_deg": common["roll_deg"], "tilt_deg": common["tilt_deg"], "from": attitude_from}
-    attitude |= {"stated": common["stated_angles"]._asdict()} if any(common["stated_angles"]) else {}
-    optional = {
-        "reason": reason and str(reason),
-        "declined": reason and reason.as_json(),
-        "attitude": attitude if attitude_from else None,
-        "exposure_s": common["exposure_s"],
-        "expected_error": None if common["expected_error"] is None else round(common["expected_error"], 6),
-        "kinds": {name: round(share, 4) for name, share in common["kind_shares"]} or None,
-        "film": film and film.as_json(),
-        **{name: common[name] and asdict(common[name]) for name in ("held", "held_at_rest")},
-    }
-    return json.dumps(data | {name: value for name, value in optional.items() if value is not None})
+# what a file says of a motion of which nothing is known but its geometry
+GIVEN = {"estimator": "given", "confidence": None, "unshutter": __version__}
 
 
 def parsed(text: str) -> dict[str, Any]:
@@ -131,26 +101,10 @@ def whole(number: Any) -> int:
 
 def common_of(data: dict[str, Any]) -> dict[str, Any]:
     """Returns the attributes shared by all kinds of motion."""
-    attitude = dict(data.get("attitude") or {})
     return {
         "width": whole(data["width"]),
         "reference": str(data.get("reference", "first")),
         "readout": Readout.parse(data.get("readout", "auto")),
-        "estimator": visible(str(data.get("estimator", "given"))),
-        "confidence": _number(data.get("confidence")),
-        "expected_error": _number(data.get("expected_error")),
-        "reason": reason_of(data),
-        "roll_deg": _number(attitude.get("roll_deg")),
-        "tilt_deg": _number(attitude.get("tilt_deg")),
-        "attitude_from": visible(str(attitude.get("from", ""))),
-        "stated_angles": Stated(**{name: bool(own) for name, own in dict(attitude.get("stated") or {}).items()}),
-        "exposure_s": _number(data.get("exposure_s")),
-        "kind_shares": tuple(
-            (visible(str(name)), float(share)) for name, share in dict(data.get("kinds") or {}).items()
-        ),
-        "film": Reason.from_json(data["film"]) if "film" in data else None,
-        **{name: Pose(**data[name]) for name in ("held", "held_at_rest") if name in data},
-        "version": visible(str(data.get("unshutter", ""))),
     }
 
 
@@ -162,7 +116,8 @@ def reason_of(data: dict[str, Any]) -> Reason | None:
     return Reason.stated(sentence) if sentence else None
 
 
-def _number(value: Any) -> float | None:
+def number_of(value: Any) -> float | None:
+    """Returns a number, or None for null; raises TypeError or ValueError for anything else."""
     return None if value is None else float(value)
 
 
@@ -182,3 +137,36 @@ def reading() -> Iterator[None]:
         raise UnshutterError(f"not a motion file: {error} is missing") from None
     except (TypeError, ValueError, OverflowError) as error:
         raise UnshutterError(f"not a usable motion file: {error}") from None
+
+
+_Contents = TypeVar("_Contents")
+
+
+def load(path: str | os.PathLike[str], parse: Callable[[str], _Contents]) -> _Contents:
+    """Reads a motion file; its errors are those of :meth:`Motion.load`."""
+    try:
+        text = read_text(Path(path))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        kind = MissingFileError if isinstance(error, FileNotFoundError) else UnshutterError
+        raise kind(f"cannot read motion file {{motion}}: {reason}", motion=path) from None
+    try:
+        return parse(text)
+    except UnshutterError as error:
+        error.subject = str(path)
+        raise
+
+
+def save(path: str | os.PathLike[str], text: str) -> None:
+    """Writes a motion file, replacing one of this name; its errors are those of :meth:`Motion.save`."""
+    target = Path(path)
+    check_motion_name(target.name)
+    check_target(target, overwrite=True)
+    if target.exists():
+        try:
+            parsed(read_text(target))
+        except (OSError, ValueError, RecursionError, UnshutterError):
+            message = "cannot write {motion}: it is another file, not a motion: choose another name"
+            raise UnshutterError(message, motion=target) from None
+    with written_whole(target) as part:
+        part.write_text(text + "\n", encoding="utf-8")

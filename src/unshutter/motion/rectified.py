@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.motion import Motion
-from unshutter.motion.finding import Candidate
+from unshutter.motion.finding import Candidate, Finding
 from unshutter.motion.verdict import Verdict
 from unshutter.options import Edges, PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
@@ -137,13 +137,13 @@ class Rectified(Result):
 
     @property
     def motion(self) -> Motion:
-        """The motion that was undone, in the readout frame; zero if the photo was left unchanged."""
+        """The motion that was undone, in the readout frame; zero if its motion was left."""
         return self.verdict.motion
 
     @property
-    def found(self) -> Motion:
-        """The motion that was found or given, undone or not."""
-        return self.verdict.finding.motion
+    def found(self) -> Finding:
+        """What was found or given, undone or not, with the motion at the reference row and the strength asked for."""
+        return self.verdict.finding
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -200,8 +200,7 @@ def write(
     save = save or Save()
     source = source or (result.original.opened and result.original.opened.path)
     if target.kind is TargetKind.MOTION:
-        assert result.motion is not None
-        write_place(f"{result.motion.to_json()}\n".encode(), target.place, overwrite, mode_of=source)
+        write_place(f"{result.verdict.carried_out.to_json()}\n".encode(), target.place, overwrite, mode_of=source)
         return Written(target.place, target.kind)
     if target.kind in (TargetKind.MASK, TargetKind.UNCHANGED_MASK):
         mask = Photo.from_array(result.valid.astype("uint8") * 255).to_bytes("png")  # 255: the photo shows the scene

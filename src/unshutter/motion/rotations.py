@@ -368,7 +368,7 @@ class RotationMotion(Motion, kind="rotations"):
             return replace(self, reference=reference)
         rotations = rotation_vector(self._matrices @ self._matrices[row].T)
         rotations[row] = 0.0
-        return replace(self, reference=reference, rotations=rotations, held=self.held_at(row))
+        return replace(self, reference=reference, rotations=rotations)
 
     def resized(self, height: int, width: int) -> RotationMotion:
         """Returns this motion for the picture scaled to another size; the focal length scales with the width.

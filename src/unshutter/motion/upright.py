@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,14 +23,12 @@ _STRAIGHT = 89.0  # degrees from the horizon, from which nothing is upright
 _SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))
 
 
-class Stated(NamedTuple):
-    """Which angles of the camera its user stated; the others were measured or are unknown."""
+@dataclass(frozen=True)
+class Angle:
+    """An angle of the camera's attitude (:class:`~unshutter.options.Camera`)."""
 
-    roll: bool = False
-    tilt: bool = False
-
-
-NONE_STATED = Stated()
+    deg: float  # [degrees]
+    stated: bool = False  # whether the user stated it; otherwise it was measured
 
 
 @dataclass(frozen=True)
@@ -52,15 +50,19 @@ class Pose:
         """Returns the pose of a camera that sees the scene turned clockwise by this angle [rad]."""
         return replace(self, roll_deg=self.roll_deg - math.degrees(clockwise_rad))
 
-    def undone_for(self, wish: Upright, stated: Stated) -> Pose | Reason:
-        """Returns the part of the pose to undo, or why not."""
-        tilt = 0.0 if wish == "level" else self.tilt_deg
-        if tilt is None:
+    def undone_for(self, wish: Upright, roll: Angle | None, tilt: Angle | None) -> Pose | Reason:
+        """Returns the part of the pose to undo, or why not.
+
+        Args:
+            roll, tilt: what is known of the camera apart from the photo's pixels.
+        """
+        upwards = 0.0 if wish == "level" else self.tilt_deg
+        if upwards is None:
             return Reason(Code.POSE_UNKNOWN)
-        if abs(self.roll_deg) > _MOST_ROLL_DEG and not stated.roll:
+        if abs(self.roll_deg) > _MOST_ROLL_DEG and not (roll and roll.stated):
             return Reason.of(Code.TOO_ASKEW, deg=round(abs(self.roll_deg), 1))
-        if abs(tilt) > (_STRAIGHT if stated.tilt else _MOST_TILT_DEG):
-            return Reason.of(Code.TOO_STEEP, deg=round(abs(tilt), 1))
+        if abs(upwards) > (_STRAIGHT if tilt and tilt.stated else _MOST_TILT_DEG):
+            return Reason.of(Code.TOO_STEEP, deg=round(abs(upwards), 1))
         return self if wish == "full" else replace(self, tilt_deg=None)
 
     def described(self) -> str:

@@ -57,15 +57,16 @@ class Speed:
         }
 
 
-def json_with_speed(motion: Motion, readout_ms: float) -> str:
-    """Returns the motion as JSON text with an added ``speed`` key; :meth:`Motion.from_json` accepts it.
+def json_with_speed(finding: Finding, readout_ms: float) -> str:
+    """Returns the finding as JSON text with an added ``speed`` key; :meth:`Finding.from_json` accepts it.
 
     Examples:
         >>> motion = unshutter.RowMotion.from_polynomials([0, 60], [0], height=480, width=640)
-        >>> round(json.loads(json_with_speed(motion, readout_ms=30))["speed"]["velocity_px_s"]["peak"])
+        >>> data = json.loads(json_with_speed(unshutter.Finding(motion), readout_ms=30))
+        >>> round(data["speed"]["velocity_px_s"]["peak"])
         2000
     """
-    return json.dumps(json.loads(motion.to_json()) | {"speed": Speed.of(motion, readout_ms).summary()})
+    return json.dumps(json.loads(finding.to_json()) | {"speed": Speed.of(finding.motion, readout_ms).summary()})
 
 
 SURE, LIKELY = 0.95, 0.8  # least confidence of a verdict that is sure, or likely: calibrated probabilities
@@ -127,22 +128,22 @@ class Verdict:
     not_upright: Reason | None = None  # why the photo is not turned although that was asked for
 
     @property
+    def carried_out(self) -> Finding:
+        """The finding with the motion that is undone; zero, with the reason, if it is not."""
+        if self.undoes:
+            return self.finding
+        return replace(self.finding, motion=self.finding.motion.scaled(0), reason=self.reason)
+
+    @property
     def motion(self) -> Motion:
-        """The motion that is undone; zero, with the reason, if it is not."""
-        found = self.finding.motion
-        return found if self.undoes else replace(found.scaled(0), reason=self.reason)
+        """The motion that is undone; zero if it is not."""
+        return self.carried_out.motion
 
     @property
     def confidence(self) -> float | None:
         """Probability that the result is better than the photo, as it is stated; None if unknown."""
-        sure = self.finding.motion.confidence
+        sure = self.finding.confidence
         return None if sure is None else as_stated(sure)
-
-    @property
-    def source(self) -> MotionSource | None:
-        """Source of the motion; None if it was estimated from the photo's pixels or given."""
-        name = self.finding.motion.estimator
-        return MotionSource(name) if name in set(MotionSource) else None
 
     @property
     def error_px(self) -> float | None:
@@ -150,10 +151,9 @@ class Verdict:
 
         None if unknown, or if the strength leaves more of it on purpose.
         """
-        motion = self.finding.motion
-        if motion.expected_error is None or self.strength != 1:
+        if self.finding.expected_error is None or self.strength != 1:
             return None
-        return motion.expected_error * motion.height
+        return self.finding.expected_error * self.finding.motion.height
 
     @property
     def left_px(self) -> float:
@@ -164,13 +164,9 @@ class Verdict:
     def leans(self) -> bool:
         """Whether the photo leans, while the camera may have been rolled as well as moved."""
         unsure = self.reason is not None and _CAUSES.get(self.reason.code) is Cause.UNSURE
-        pose = self.finding.motion.held_at_rest
-        return (
-            unsure
-            and self.finding.motion.roll_deg is None
-            and pose is not None
-            and abs(pose.roll_deg) > _LEAST_LEAN_DEG
-        )
+        pose = self.finding.held_at_rest
+        leans = pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG
+        return unsure and self.finding.roll is None and leans
 
     @property
     def undoes(self) -> bool:
@@ -220,7 +216,7 @@ class Verdict:
         look = ", please look" if self.needs_a_look else ""
         done = f"points moved by up to {pixels(self.largest_px)}{self._at_confidence}{self._remaining}{look}"
         words = done if self.undoes else self.sentence
-        words = words if self.source is None else f"{words} (by the film inside it)"
+        words = f"{words} (by the film inside it)" if self.finding.source is MotionSource.FILM else words
         turned = self.not_upright if self.upright is None else self.upright.described()
         return f"{turned}; {words}" if turned else words
 
@@ -230,11 +226,12 @@ class Verdict:
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         pose = self.upright
         about = self.reason.as_json() if self.reason is not None else {}
-        film = self.finding.motion.film
+        film = self.finding.film
+        source = self.finding.source
         optional = {
             "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,
             "left_px": round(self.left_px, 2) if self.undoes and self.left_px else None,
-            "source": self.source,
+            "source": source if source is MotionSource.FILM else None,
             "film": film and film.as_json(),
             "upright": pose and {"roll_deg": round(pose.roll_deg, 2), "tilt_deg": pose.tilt_deg},
             "not_upright": self.not_upright and self.not_upright.as_json(),
@@ -266,20 +263,20 @@ def is_measurable(largest_px: float, rows: int) -> bool:
 
 def judge(finding: Finding, undo: Undo) -> Verdict:
     """Decides whether to undo a motion, which has the photo's size, and whether to turn the photo upright."""
-    motion = finding.motion
-    motion = motion.rereferenced(undo.reference or motion.reference).scaled(undo.strength)
-    undone = Verdict(replace(finding, motion=motion), motion.largest_px, strength=undo.strength)
+    finding = finding.rereferenced(undo.reference or finding.motion.reference)
+    finding = replace(finding, motion=finding.motion.scaled(undo.strength))
+    undone = Verdict(finding, finding.motion.largest_px, strength=undo.strength)
     judged = replace(undone, reason=_reason_against(undone, undo))
-    return judged if undo.upright is None else _turn_upright(judged, motion, undo.upright)
+    return judged if undo.upright is None else _turn_upright(judged, undo.upright)
 
 
 def _reason_against(verdict: Verdict, undo: Undo) -> Reason | None:
     """Returns why a motion should not be undone, or None if it should."""
-    motion = verdict.motion
+    motion = verdict.finding.motion
     largest = verdict.largest_px
     sure = verdict.confidence
-    if motion.is_zero and motion.reason is not None:
-        return motion.reason
+    if motion.is_zero and verdict.finding.reason is not None:
+        return verdict.finding.reason
     if undo.strength == 0:
         return Reason(Code.STRENGTH_0)
     if motion.is_zero:
@@ -292,13 +289,14 @@ def _reason_against(verdict: Verdict, undo: Undo) -> Reason | None:
     return Reason(Code.TOO_SMALL) if largest < LEAST_PX else None
 
 
-def _turn_upright(verdict: Verdict, motion: Motion, wish: Upright) -> Verdict:
+def _turn_upright(verdict: Verdict, wish: Upright) -> Verdict:
     """Returns the verdict with the pose to undo, or why it is left."""
-    pose = motion.held if verdict.undoes else motion.held_at_rest
-    turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, motion.stated_angles)
+    found = verdict.finding
+    pose = found.held if verdict.undoes else found.held_at_rest
+    turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, found.roll, found.tilt)
     if isinstance(turned, Reason):
         return replace(verdict, not_upright=turned)
-    if turned.largest_px(motion.height, motion.width) < LEAST_PX:  # it is upright already
+    if turned.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
         return verdict
     return replace(verdict, upright=turned)
 

@@ -68,8 +68,8 @@ def after(
         motion = warper.motion(moving).resized(*size)
         pixels = _small(warper.rectified(moving).picture, longest, moving.frame)
         result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
-        if moving.motion.reason is not None:
-            about = reason_json(moving.motion.reason)
+        if moving.found.reason is not None:
+            about = reason_json(moving.found.reason)
             result |= {"reason": about["sentence"], "code": about["code"], "figures": about["figures"]}
         return as_jpeg(pixels), result
 
@@ -154,7 +154,8 @@ def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
 
 def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
-    from unshutter.motion import Motion, RowMotion
+    from unshutter.motion import RowMotion
+    from unshutter.motion.finding import Finding
     from unshutter.video.camera import ClipCamera, time_without_search
     from unshutter.video.clip import ClipRequest
     from unshutter.video.decode import frames_of
@@ -164,15 +165,15 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     camera = ClipCamera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
     time = camera.readout
     if time.declined is not None:
-        return MovingFrame(_frame_at(clip, time_s), RowMotion.zero(ROWS, ROWS, reason=time.declined))
+        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=time.declined))
     file = open_file.path.with_name(f"moment-{hash_options(options.shutter, time, time_s, usual)}.json")
     if file.exists():
-        return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
+        return MovingFrame(_frame_at(clip, time_s), Finding.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
     frames = islice(frames_of(clip, first), 2 * _AROUND + 1)
     for moving in with_motion(replace(request, lens=camera.lens), frames, time):
         if (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
-            put_text(file, moving.motion.to_json())
+            put_text(file, moving.found.to_json())
             return moving
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
 

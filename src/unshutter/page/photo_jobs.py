@@ -32,6 +32,7 @@ from unshutter.page.sentences import reason_json, verdict_json
 from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
+from unshutter.reasons import MotionSource
 from unshutter.run.work import Job, finish_job
 from unshutter.single.register import load
 from unshutter.storage.targets import Target, TargetKind
@@ -63,7 +64,7 @@ def estimate(open_file: OpenFile, options: PhotoOptions) -> str:
     """Returns the photo's motion as JSON, in the format of `unshutter estimate`."""
     with errors_of(open_file):
         finding, undo = _find(open_file, opened(open_file), options)
-        return finding.motion.rereferenced(undo.reference or "first").to_json() + "\n"
+        return finding.rereferenced(undo.reference or "first").to_json() + "\n"
 
 
 def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> dict[str, Any]:
@@ -85,14 +86,13 @@ def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: Pho
 
 def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any]]:
     """Lists the motions that fit a photo as JSON, in the order of option ``candidate``; ``taken``: the default."""
-    from unshutter.motion.finding import Finding
     from unshutter.motion.verdict import judge
 
     find = options.rectify.find
     find = replace(find, candidate=None, odds=Odds())
     with errors_of(open_file):
         possible = _find_motion(open_file, opened(open_file), find).candidates
-        verdicts = [judge(Finding(each.motion), options.undo) for each in possible]
+        verdicts = [judge(each.finding, options.undo) for each in possible]
     taken = 0 if verdicts[0].changes else next((k for k, each in enumerate(possible) if each.kind == "still"), None)
     return [
         {
@@ -220,11 +220,13 @@ def _finding_json(verdict: Verdict) -> dict[str, Any]:
     """Returns the curves of the motion that was found at a few rows, and what is known of the camera."""
     import numpy as np
 
-    motion = verdict.finding.motion
+    found = verdict.finding
+    motion = found.motion
+    roll_deg, tilt_deg = (None if angle is None else angle.deg for angle in (found.roll, found.tilt))
     rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
     return {
-        "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
-        "film": reason_json(motion.film) if motion.film else None,
+        "attitude": {"roll_deg": roll_deg, "tilt_deg": tilt_deg, "from": found.attitude_from},
+        "film": reason_json(found.film) if found.film else None,
         "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
         "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
     }
@@ -278,18 +280,17 @@ def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rect
 def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
     """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
     from unshutter.frames.find import find as find_motion
-    from unshutter.motion import Motion
     from unshutter.motion.finding import Candidate, Finding
 
     alone = replace(find, candidate=None)  # whichever candidate is chosen
 
     def list_candidates() -> list[dict[str, Any]]:
         found = find_motion(photo, find).candidates
-        return [{**vars(each), "motion": each.motion.to_json()} for each in found]
+        return [{**vars(each), "finding": each.finding.to_json()} for each in found]
 
     listed = kept(open_file, "candidates", (alone,), list_candidates)
-    candidates = tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
-    return Finding(candidates[0].motion, candidates)
+    candidates = tuple(Candidate(**{**each, "finding": Finding.from_json(each["finding"])}) for each in listed)
+    return replace(candidates[0].finding, candidates=candidates)
 
 
 # ---- by hand -----------------------------------------------------------------------------------------------------
@@ -298,15 +299,14 @@ def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
 def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Finding, list[str | None]]:
     """Returns the motion that straightens drawn lines and the trouble with each line, cached for the numbers."""
     from unshutter.api import motion_of_lines
-    from unshutter.motion import Motion
     from unshutter.motion.finding import Finding
 
     def straighten() -> dict[str, Any]:
         found = motion_of_lines(photo, _lines(text, photo), find.camera)
-        return {"motion": found.motion.to_json(), "troubles": found.troubles}
+        return {"finding": found.finding.to_json(), "troubles": found.troubles}
 
     known = kept(open_file, "lines", (find, text), straighten)
-    return Finding(Motion.from_json(known["motion"])), known["troubles"]
+    return Finding.from_json(known["finding"]), known["troubles"]
 
 
 def _lines(text: str, photo: Photo) -> list[DrawnLine]:
@@ -339,9 +339,9 @@ def _adjust(finding: Finding, hand: ByHand) -> Finding:
     bend, turn = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
     tx_px = motion.tx_px + motion.height * (lean * u + bend / 100 * 4 * u * (1 - u))
     rz_rad = motion.rz_rad + math.radians(turn) * u
-    adjusted = RowMotion(motion.width, tx_px, rz_rad, readout=motion.readout, estimator=NAME)
+    adjusted = RowMotion(motion.width, tx_px, rz_rad, readout=motion.readout)
     try:
         adjusted.check_unfolded()
     except UnshutterError:
         raise UsageError("no camera moves like that: the picture would fold over itself") from None
-    return Finding(adjusted)
+    return Finding(adjusted, estimator=NAME, source=MotionSource.HAND)

@@ -11,7 +11,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.frame_motion import AT_REST
-from unshutter.motion import Motion, RotationMotion
+from unshutter.motion import RotationMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.motion.shapes import Float64
 from unshutter.orientation import Readout
@@ -46,7 +47,7 @@ class FrameRotations(ABC):
     readout_s: float
 
     @abstractmethod
-    def motion(self, name: str, number: int) -> Motion:
+    def motion(self, name: str, number: int) -> Finding:
         """Returns the motion of a picture, a frame of the film; of any size of the same shape."""
 
     @abstractmethod
@@ -72,7 +73,7 @@ class ClipRotations(FrameRotations):
         interval_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         self.readout_s = self._clip.ratio * interval_s
 
-    def motion(self, name: str, number: int) -> Motion:
+    def motion(self, name: str, number: int) -> Finding:
         """See FrameRotations."""
         if not 0 <= number < len(self._clip.motions):
             frames = f"{len(self._clip.motions)} frames, and {name} would be number {number}, counted from 0"
@@ -111,13 +112,13 @@ class PictureRotations(FrameRotations):
         self._clock = clock
         self.readout_s = clock.readout_s
 
-    def motion(self, name: str, number: int) -> Motion:
+    def motion(self, name: str, number: int) -> Finding:
         """See FrameRotations; pictures without a file have no motion."""
         path = PurePosixPath(name)
         for file in (motion_name(path.stem), motion_name(path.name)):
             target = self._folder / path.parent / file
             if target.is_file():
-                return Motion.load(target)
+                return Finding.load(target)
         raise MissingMotionError(f"no motion file {{file}} for {name}", file=self._folder / path.with_suffix(".json"))
 
     def start_s(self, number: int) -> float:
@@ -170,7 +171,7 @@ def frame_number(name: str, first: int) -> int:
     return int(found[1]) - first
 
 
-def rotations_in_picture(motion: Motion, camera: PictureCamera) -> Float64[np.ndarray, "lines 3 3"] | Reason:
+def rotations_in_picture(found: Finding, camera: PictureCamera) -> Float64[np.ndarray, "lines 3 3"] | Reason:
     """Returns the camera's rotation from the first line to each line, in the order in which they were read.
 
     A direction d in the camera's axes at the first line is R d at another one, with the axes of the stored picture.
@@ -181,13 +182,14 @@ def rotations_in_picture(motion: Motion, camera: PictureCamera) -> Float64[np.nd
     Raises:
         UnshutterError: the motion is that of a picture of another shape.
     """
+    motion = found.motion
     lines, across = motion.readout.frame_size(camera.height, camera.width)
     if isinstance(motion, RotationMotion):
         fitted = motion.resized(lines, across).rereferenced("first")
         return _in_picture(fitted.rotations, fitted.focal_px / camera.focal_px, motion.readout)
-    if motion.is_zero and (motion.reason is None or motion.reason.code in AT_REST):
+    if motion.is_zero and (found.reason is None or found.reason.code in AT_REST):
         return np.tile(np.eye(3), (lines, 1, 1))
-    return motion.reason or Reason.stated("its motion is not a rotation about three axes")
+    return found.reason or Reason.stated("its motion is not a rotation about three axes")
 
 
 def _in_picture(turns: Float64[np.ndarray, "*at 3"], moved: float, readout: Readout) -> Float64[np.ndarray, "*at 3 3"]:

@@ -167,11 +167,11 @@ def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptio
     number = frame_number(picture.name, options.first_number)
     camera = picture.camera
     try:
-        motion = source.motion(picture.name, number)
+        found = source.motion(picture.name, number)
     except MissingMotionError:
         return "no motion file"
     try:
-        rotations = rotations_in_picture(motion, PictureCamera(camera.height, camera.width, camera.focal_px[0]))
+        rotations = rotations_in_picture(found, PictureCamera(camera.height, camera.width, camera.focal_px[0]))
     except UnshutterError as error:
         advice = "extract frames as they are stored (ffmpeg -noautorotate)"
         raise UnshutterError(f"{picture.name} of {camera.width}x{camera.height} px: {error}; {advice}") from None
@@ -179,14 +179,15 @@ def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptio
         return str(rotations)
     count = len(rotations)
     order = np.arange(count, dtype=np.float64)
-    is_reversed = motion.readout in (Readout.BOTTOM_TO_TOP, Readout.RIGHT_TO_LEFT)
+    readout = found.motion.readout
+    is_reversed = readout in (Readout.BOTTOM_TO_TOP, Readout.RIGHT_TO_LEFT)
     share = SHARES[options.reference]
     reference = rotations[round(share * (count - 1))]
     start = source.start_s(number)
     return _Frame(
         picture=picture,
         number=number,
-        readout=motion.readout,
+        readout=readout,
         rotations=rotations @ reference.T,
         lines=order[::-1] if is_reversed else order,
         times_s=start + source.readout_s * order / count,

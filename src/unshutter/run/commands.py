@@ -36,7 +36,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     plan = make_plan(inputs, into, request, run)
     manifest = None
     if plan.home is not None:
-        motion = None if plan.given is None else plan.given.motion.to_json()
+        motion = None if plan.given is None else plan.given.to_json()
         manifest = Manifest(plan.home, plan.request, motion, run.manifest is not None, read_only=run.dry_run)
     with closing(manifest) if manifest is not None else nullcontext():
         if manifest is not None:
@@ -174,28 +174,27 @@ def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> _Answer:
     source = begun.place
     readout_ms = request.find.camera.readout_ms
     verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
-    motion = verdict.finding.motion
-    if motion.reason:
-        line = f"no motion ({motion.reason})"
+    found = verdict.finding
+    if found.reason:
+        line = f"no motion ({found.reason})"
     elif not verdict.changes:
         line = f"rectify leaves it unchanged ({about(verdict)})"
     else:
-        chosen = verdict.finding.candidates[(request.find.candidate or 1) - 1 :][:1]
+        chosen = found.candidates[(request.find.candidate or 1) - 1 :][:1]
         line = ", ".join([*(each.name for each in chosen), about(verdict)])
     if request.plot:
         from unshutter.export import plot_motion
 
-        plot_motion(motion, request.plot, title=source.name, readout_ms=readout_ms)
+        plot_motion(found, request.plot, title=source.name, readout_ms=readout_ms)
     if readout_ms is None:
-        return _Answer(source, [line], motion.to_json())
-    line = f"{line}; {Speed.of(motion, readout_ms).described()}"
-    return _Answer(source, [line], json_with_speed(motion, readout_ms))
+        return _Answer(source, [line], found.to_json())
+    line = f"{line}; {Speed.of(found.motion, readout_ms).described()}"
+    return _Answer(source, [line], json_with_speed(found, readout_ms))
 
 
 def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Verdict:
     """Returns the verdict on the motion that straightens lines drawn in a photo, and reports lines that stay askew."""
     from unshutter.api import motion_of_lines
-    from unshutter.motion.finding import Finding
     from unshutter.motion.verdict import judge
     from unshutter.single.drawn_lines import read_lines
 
@@ -204,7 +203,7 @@ def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Ver
     for number, (line, trouble) in enumerate(zip(lines, straightened.troubles, strict=True), 1):
         if trouble:
             tell(f"{begun.place}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
-    return judge(Finding(straightened.motion), Undo(request.reference))
+    return judge(straightened.finding, Undo(request.reference))
 
 
 def _list_candidates(begun: Ahead, request: Estimate) -> _Answer:

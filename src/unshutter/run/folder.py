@@ -1,7 +1,7 @@
 """How many photos of a folder moved, found from all of them: a base rate for the decision on each.
 
 A single photo is judged as if half of all photos moved. Of a hundred photos that a camera took within an hour, usually
-none moved, or, from a train, nearly all. Their own log odds (motion/motion.py, ``Chance``) show which, by expectation
+none moved, or, from a train, nearly all. Their own log odds (motion/finding.py, ``Chance``) show which, by expectation
 maximisation of the one unknown share. Every photo is first judged by itself; those that the share decides differently
 are then done again. The share that applies to a photo is found from the others, so a single photo changes nothing.
 """
@@ -36,7 +36,7 @@ class Judged:
     @classmethod
     def of(cls, job: Job, outcome: Outcome) -> Judged | None:
         """Returns what became of a photo; None if it says nothing about the others, nor they about it."""
-        chance = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.motion.chance
+        chance = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.chance
         if chance is None:
             return None
         return cls(outcome.group, chance.log_odds, chance.turning_point, job.folder_log_odds or 0.0)

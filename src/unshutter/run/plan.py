@@ -134,10 +134,9 @@ def make_plan(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan
     check_name(request.find.estimator)
     given = None
     if request.motion is not None:
-        from unshutter.motion import Motion  # imported here: NumPy comes after decoding has begun
-        from unshutter.motion.finding import Finding
+        from unshutter.motion.finding import Finding  # imported here: NumPy comes after decoding has begun
 
-        given = Finding(Motion.load(request.motion))
+        given = Finding.load(request.motion)
     weights = weights_file(request.find.estimator)
     if run.preview is not None:
         of_target(run.preview)

@@ -253,7 +253,7 @@ def exit_code(failed: int, total: int) -> int:
 
 def about(verdict: Verdict) -> str:
     """Describes the verdict, why a film inside the photo was not used, and what the user can do."""
-    unused = verdict.finding.motion.film
+    unused = verdict.finding.film
     film = "" if unused is None else f"{unused}: not used"
     return "; ".join(filter(None, (verdict.described(), film, _advice(verdict))))
 

@@ -189,7 +189,6 @@ def _name_group(place: Place, photo: Photo) -> str:
 
 def _rectify_alone(begun: Ahead, job: Job, request: Rectify, given: Finding | None) -> Rectified:
     """Rectifies a photo by itself, or with the motion that its burst shows, or with that given for all photos."""
-    from unshutter.motion.finding import Finding
     from unshutter.motion.rectified import render
     from unshutter.motion.verdict import judge
 
@@ -197,7 +196,7 @@ def _rectify_alone(begun: Ahead, job: Job, request: Rectify, given: Finding | No
     if given is not None:
         verdict = judge(given.fit(photo.height, photo.width, request.find.camera.readout), request.undo)
     elif job.burst is not None:
-        found = Finding(job.burst.motion.motion(request.undo.reference or "first"))
+        found = job.burst.motion.finding(request.undo.reference or "first")
         verdict = judge(found.fit(photo.height, photo.width), request.undo)
     else:
         verdict = begun.verdict

@@ -17,8 +17,8 @@ from typing import cast
 
 import numpy as np
 
-from unshutter.motion.finding import Candidate, KindOfMotion
-from unshutter.motion.motion import Chance, Motion
+from unshutter.motion.finding import Candidate, Chance, KindOfMotion
+from unshutter.motion.motion import Motion
 from unshutter.motion.verdict import LIKELY, is_measurable
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
@@ -161,7 +161,7 @@ def _chance(prospects: list[Prospect], folder_log_odds: float, with_network: boo
 
 
 def _with_chance(candidate: Candidate, chance: Chance | None) -> Candidate:
-    return replace(candidate, motion=replace(candidate.motion, chance=chance))
+    return replace(candidate, finding=replace(candidate.finding, chance=chance))
 
 
 def _heading(posterior: Posterior, sign: int) -> Posterior:
@@ -206,9 +206,9 @@ def _mode(optima: Optima, group: list[int], names: list[KindOfMotion]) -> Mode:
 
 
 def _candidate(mode: Mode, found: Prospect, posterior: Posterior, view: View, estimator: str) -> Candidate:
-    motion = view.cubic_motion(mode.motion.reshape(2, 3), estimator, found.better)
-    motion = replace(motion, expected_error=found.error, kind_shares=tuple(posterior.kinds.items()))
-    return Candidate(mode.kind, motion, found.better, found.error * view.height, view.photo.orientation)
+    finding = view.cubic_motion(mode.motion.reshape(2, 3), estimator, found.better)
+    finding = replace(finding, expected_error=found.error, kind_shares=tuple(posterior.kinds.items()))
+    return Candidate(mode.kind, finding, found.better, view.photo.orientation)
 
 
 _OF_THE_MOTION = {Code.UNSURE, Code.WHICH_WAY, Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE}
@@ -218,8 +218,8 @@ def _still(view: View, estimator: str, reason: Reason | None, probability: float
     stated = None if reason is None or probability is None else probability
     if reason is not None and reason.code in _OF_THE_MOTION:
         stated = 1 - (probability or 0.0)  # of the motion that is not undone
-    motion = replace(view.no_motion(estimator, reason), confidence=stated)
-    return Candidate("still", motion, probability, None, view.photo.orientation)
+    finding = replace(view.no_motion(estimator, reason), confidence=stated)
+    return Candidate("still", finding, probability, view.photo.orientation)
 
 
 def _is_undone(found: Prospect, least: float | None) -> bool:

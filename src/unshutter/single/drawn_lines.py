@@ -14,15 +14,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError, errors_in_one_line, shortened
-from unshutter.motion import Motion
-from unshutter.reasons import Code, Reason, Worded
+from unshutter.motion.finding import Finding
+from unshutter.reasons import Code, MotionSource, Reason, Worded
 from unshutter.single.estimator import View
 from unshutter.single.likelihood import (
     STARTS,
@@ -244,7 +244,7 @@ class Trouble(Worded):
 class StraightenedLines:
     """The motion that drawn lines show."""
 
-    motion: Motion  # first row as the reference; its confidence is None, because a person has decided
+    finding: Finding  # first row as the reference; no confidence, because a person has decided
     troubles: tuple[Trouble | None, ...]  # of each line; None: in the result it is within ``MET_DEG`` of its direction
     left_deg: tuple[
         float, ...
@@ -262,8 +262,8 @@ def motion_from_lines(
     """
     lines = checked_lines(lines)
     if max(view.width / view.height, view.height / view.width) > WIDEST_ASPECT:
-        motion = view.no_motion(NAME, Reason.of(Code.TOO_LONG, aspect=WIDEST_ASPECT))
-        return StraightenedLines(motion, (None,) * len(lines))
+        finding = view.no_motion(NAME, Reason.of(Code.TOO_LONG, aspect=WIDEST_ASPECT))
+        return StraightenedLines(replace(finding, source=MotionSource.HAND), (None,) * len(lines))
     segments, size = segments_of(view)
     starts = [np.zeros(6), *STARTS]
     opinion = None
@@ -296,8 +296,8 @@ def motion_from_lines(
         Trouble.SIDEWAYS if not usable[k] else Trouble.CONTRADICTS if abs(math.degrees(angle)) > MET_DEG else None
         for k, angle in enumerate(angles)
     ]
-    motion = view.cubic_motion(fit[0, MOTION].reshape(2, 3), NAME)
-    return StraightenedLines(motion, tuple(troubles), tuple(np.degrees(angles).tolist()))
+    finding = replace(view.cubic_motion(fit[0, MOTION].reshape(2, 3), NAME), source=MotionSource.HAND)
+    return StraightenedLines(finding, tuple(troubles), tuple(np.degrees(angles).tolist()))
 
 
 def _plausible(unknowns: np.ndarray, mean: np.ndarray) -> bool:

@@ -11,14 +11,14 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
-from unshutter.motion.finding import Candidate, list_single
-from unshutter.motion.upright import Pose, Stated
+from unshutter.motion.finding import Candidate, Finding, list_single
+from unshutter.motion.upright import Angle, Pose
 from unshutter.options import Camera, Odds
 from unshutter.orientation import Readout, scene_up
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
 from unshutter.readout_time import ReadoutSource, ReadoutTime
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, MotionSource, Reason
 from unshutter.single import Method
 from unshutter.single.sharpness import EdgeWidths, SpeedLimit, speed_limit
 
@@ -122,28 +122,28 @@ class View:
         """
         return EdgeWidths.of(self.readout.turn(self.photo.pixels))
 
-    def noted(self, motion: Motion) -> Motion:
-        """Returns the motion with what is known about the photo apart from its pixels."""
+    def noted(self, found: Finding) -> Finding:
+        """Returns the finding with what is known about the photo apart from its pixels."""
         held = self.attitude()
-        own = Stated(self.camera.roll_deg is not None, self.camera.tilt_deg is not None)
-        roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
-        attitude = {"roll_deg": roll, "tilt_deg": tilt, "attitude_from": held.source, "stated_angles": own}
-        noted = replace(motion, **attitude, exposure_s=self.exposure_s())
+        roll = None if held.roll_deg is None else Angle(round(held.roll_deg, 2), self.camera.roll_deg is not None)
+        tilt = None if held.tilt_deg is None else Angle(round(held.tilt_deg, 2), self.camera.tilt_deg is not None)
+        noted = replace(found, roll=roll, tilt=tilt, attitude_from=held.source, exposure_s=self.exposure_s())
         if held.roll_deg is None:
             return noted
         measured = Pose(held.roll_deg, held.tilt_deg, self.focal_px() / self.height, self.up)
-        return replace(noted, held=motion.held or measured, held_at_rest=motion.held_at_rest or measured)
+        return replace(noted, held=found.held or measured, held_at_rest=found.held_at_rest or measured)
 
-    def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Motion:
+    def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Finding:
         """Returns the answer of an estimator that declines.
 
         Args:
             reason: why; methods from other packages give a sentence. None for the unchanged photo among candidates.
         """
         why = Reason.stated(reason) if isinstance(reason, str) else reason
-        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=why)
+        motion = RowMotion.zero(self.height, self.width, readout=self.readout)
+        return Finding(motion, estimator=estimator, source=MotionSource.PIXELS, reason=why)
 
-    def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Motion:
+    def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Finding:
         """Returns the answer of an estimator that found a cubic row motion, first row as the reference.
 
         Args:
@@ -151,14 +151,8 @@ class View:
         """
         u = (np.arange(self.height) + 0.5) / self.height
         tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
-        return RowMotion(
-            width=self.width,
-            tx_px=(tx - tx[0]) * self.height,
-            rz_rad=rz - rz[0],
-            readout=self.readout,
-            estimator=estimator,
-            confidence=confidence,
-        )
+        motion = RowMotion(self.width, (tx - tx[0]) * self.height, rz - rz[0], readout=self.readout)
+        return Finding(motion, estimator=estimator, source=MotionSource.PIXELS, confidence=confidence)
 
     @staticmethod
     def cubic_of(motion: Motion) -> np.ndarray:
@@ -167,24 +161,18 @@ class View:
         values = np.stack([motion.tx_px / motion.height, motion.rz_rad], axis=1)
         return np.polynomial.polynomial.polyfit(u, values, 3)[1:].T.ravel()
 
-    def rotation_motion(self, rotations: np.ndarray, estimator: str) -> Motion:
+    def rotation_motion(self, rotations: np.ndarray, estimator: str) -> Finding:
         """Returns the answer of an estimator that found rotations about three axes, first row as the reference.
 
         Args:
             rotations: [height, 3] (r_x, r_y, r_z) of every row [rad].
         """
         try:
-            motion = RotationMotion(
-                width=self.width,
-                rotations=rotations,
-                focal_px=self.focal_px(),
-                readout=self.readout,
-                estimator=estimator,
-            ).rereferenced("first")
+            motion = RotationMotion(self.width, rotations, self.focal_px(), readout=self.readout).rereferenced("first")
             motion.check_unfolded()
         except UnshutterError as error:
             return self.no_motion(estimator, Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
-        return motion
+        return Finding.of(motion, estimator)
 
 
 class Estimator(ABC):
@@ -204,7 +192,7 @@ class Estimator(ABC):
 
     @property
     def name(self) -> str:
-        """The method's name, which its motions carry as ``estimator``."""
+        """The method's name, which its findings carry as ``estimator``."""
         return self.method.name
 
     def prepare(self) -> None:
@@ -218,10 +206,11 @@ class Estimator(ABC):
         return
 
     @abstractmethod
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Motion | Finding:
         """Returns the motion of the full-size photo in its readout frame, first row as the reference.
 
-        If the photo is inconclusive, the motion is zero and carries a reason; that is not an error.
+        A finding also says how sure that is. If the photo is inconclusive, its motion is zero, with a reason
+        (:meth:`View.no_motion`); that is not an error.
         """
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:
@@ -229,4 +218,4 @@ class Estimator(ABC):
 
         Methods that find several override this.
         """
-        return list_single(self.estimate(view), view.photo.orientation)
+        return list_single(Finding.of(self.estimate(view), self.name), view.photo.orientation)

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.motion import Motion
-from unshutter.motion.finding import Candidate, list_single
+from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.motion.upright import Pose
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
@@ -34,7 +33,7 @@ from unshutter.single.search import PX, Posterior, cameras_for, displacement, ex
 class DoNothing(Estimator):
     """none: leaves photos unchanged, the baseline of every table."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """Returns zero motion."""
         return view.no_motion(self.name, Reason(Code.ASKED_FOR_NOTHING))
 
@@ -56,7 +55,7 @@ def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
             none = Candidate("still", view.no_motion(estimator.name, limit.reason))
             possible = (none, *(each for each in possible if each.kind != "still"))
         candidates = possible
-    return tuple(replace(each, motion=view.noted(each.motion)) for each in candidates)
+    return tuple(replace(each, finding=view.noted(each.finding)) for each in candidates)
 
 
 _Modes = tuple[tuple[Candidate, ...], Posterior]
@@ -65,9 +64,9 @@ _Modes = tuple[tuple[Candidate, ...], Posterior]
 class _RightAngles(Estimator):
     """Finds the posterior of the motion under the Manhattan likelihood (likelihood.py, search.py)."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
-        return self.candidates(view)[0].motion
+        return self.candidates(view)[0].finding
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:
         """Returns the modes of the posterior; zero motion with a reason if there are too few segments."""
@@ -103,7 +102,7 @@ def _with_poses(
     for each, pose in zip(candidates, poses, strict=True):
         moving = pose if posterior.lines_gain >= LEAST_GAIN else None
         now = at_rest if each.motion.is_zero else moving
-        held.append(replace(each, motion=replace(each.motion, held=now, held_at_rest=at_rest)))
+        held.append(replace(each, finding=replace(each.finding, held=now, held_at_rest=at_rest)))
     return tuple(held)
 
 
@@ -172,7 +171,7 @@ SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
 class SegmentTransformer(_WithNetwork):
     """segment-transformer: the answer of the network (network.py) on the line segments of a photo."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
         grey = view.grey(SHORT_SIDE)
         segments = find_segments(grey, MOST_SEGMENTS)

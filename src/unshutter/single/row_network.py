@@ -47,7 +47,6 @@ def motion_of_square(
     view: View,
     rows: Float[np.ndarray, "samples"],
     samples: Float[np.ndarray, "2 samples"],
-    estimator: str,
     degree: int | None = None,
 ) -> RowMotion:
     """Returns the motion of the whole photo from samples (t_x [px of 256], r_z [rad]) at rows of its square.
@@ -57,8 +56,7 @@ def motion_of_square(
     scale = side_of(view) / SIZE
     at = (rows + 0.5) * scale - 0.5 + corner_of(view)[1]
     key_rows = at.tolist(), (samples[0] * scale).tolist(), samples[1].tolist()
-    common = {"readout": view.readout, "estimator": estimator}
-    return RowMotion.from_key_rows(*key_rows, view.height, view.width, degree, **common)
+    return RowMotion.from_key_rows(*key_rows, view.height, view.width, degree, readout=view.readout)
 
 
 def side_of(view: View) -> int:
@@ -152,7 +150,7 @@ class Kandula2020(Estimator):
         """Returns cubic t_x and r_z, enlarged to the photo; first row as the reference."""
         rows = (np.arange(side_of(view)) + 0.5) * SIZE / side_of(view) - 0.5  # the photo's, in rows of the square
         motion = cubic(self.of_square(square_of(view)), rows)
-        return motion_of_square(view, rows, motion, self.name).rereferenced("first")
+        return motion_of_square(view, rows, motion).rereferenced("first")
 
     def of_square(self, square: UInt[np.ndarray, "256 256 3"]) -> Float64[np.ndarray, "2 256"]:
         """Returns t_x [px of 256] and r_z [rad] of every row of a square, after the second look."""

@@ -26,7 +26,7 @@ from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
-from unshutter.video.frame_warper import COPY_SIDE, FEWEST, small_motion, window_for
+from unshutter.video.frame_warper import COPY_SIDE, FEWEST, small_finding, window_for
 from unshutter.video.lenses import lens_in_greys
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.pixels import small_grey
@@ -190,7 +190,7 @@ def rectify_clip_frames(
 def _rectified(frames: Iterator[np.ndarray], camera: CameraMotion, undo: ClipUndo) -> Iterator[np.ndarray]:
     scratch = Scratch()
     for frame, motion in _with_motion(frames, camera):
-        yield _undone(frame, small_motion(motion), undo, scratch)
+        yield _undone(frame, small_finding(motion).motion, undo, scratch)
 
 
 def _steady(
@@ -200,7 +200,7 @@ def _steady(
     for frame, motion in _with_motion(iter(frames), camera):
         height, width = camera.readout.frame_size(*frame.shape[:2])
         path = path or CameraPath(undo, camera.readout, width / height, camera.lens)
-        small, cut = small_motion(motion), last is not None and motion.scene != last.scene
+        small, cut = small_finding(motion), last is not None and motion.scene != last.scene
         path.add(small, motion.step_from(last), cut, len(path) / fps)
         last = motion
     if path is None:
@@ -209,7 +209,7 @@ def _steady(
     for k, frame in enumerate(frames):
         if k == len(path):
             raise UsageError("the second pass has more frames than the first")
-        yield _undone(frame, path.motion(k), undo, scratch, steady.view(k))
+        yield _undone(frame, path.finding(k).motion, undo, scratch, steady.view(k))
 
 
 def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator[tuple[np.ndarray, FrameMotion]]:

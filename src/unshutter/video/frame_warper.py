@@ -25,6 +25,7 @@ from unshutter.frames.pyav import av
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.sequence import CameraMotion
 from unshutter.motion import Motion, RotationMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import EdgePolicy, Tile, valid_window
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
@@ -57,11 +58,16 @@ class MovingFrame:
 
     frame: VideoFrame  # the decoded frame
     # motion of a small picture of the same shape, first row as the reference; zero, with a reason, if none was found
-    motion: Motion
+    found: Finding
     cut: bool = False  # whether it shows another scene than the previous frame
     dense: bool = False  # whether it was rectified by the flow to its neighbours instead of this motion
     step: Step | None = None  # the camera's rotation since the previous frame; None if unknown
     view: View | None = None  # the stabilised or straightened view; None for the camera's own
+
+    @property
+    def motion(self) -> Motion:
+        """The motion of the small picture."""
+        return self.found.motion
 
 
 def window_for(size: float) -> tuple[int, int]:
@@ -134,31 +140,31 @@ def with_motion(
         last = motion
 
 
-def small_motion(motion: FrameMotion) -> Motion:
+def small_finding(motion: FrameMotion) -> Finding:
     """Returns the motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
     rows = ROWS if motion.turns is None else GYRO_ROWS
     width = max(1, round(motion.width * rows / motion.height))
-    return replace(motion, height=rows, width=width).motion()
+    return replace(motion, height=rows, width=width).finding()
 
 
-_Known: TypeAlias = tuple[int, Motion, int]  # motion of another frame: scene, motion, and how many frames away it is
+_Known: TypeAlias = tuple[int, Finding, int]  # motion of another frame: scene, motion, and how many frames away it is
 
 
-def _bridged(motions: Iterable[FrameMotion]) -> Iterator[tuple[FrameMotion, Motion]]:
+def _bridged(motions: Iterable[FrameMotion]) -> Iterator[tuple[FrameMotion, Finding]]:
     """Yields the motions, also for small pictures; those not found are filled in from the frames before and after.
 
     Otherwise, single frames would jump back to their distortion. In longer gaps, the correction fades out and in.
     """
-    lost: deque[tuple[FrameMotion, Motion, list[_Known]]] = deque()
+    lost: deque[tuple[FrameMotion, Finding, list[_Known]]] = deque()
     before: list[_Known] = []
 
-    def release(most: int, *after: tuple[int, Motion]) -> Iterator[tuple[FrameMotion, Motion]]:
+    def release(most: int, *after: tuple[int, Finding]) -> Iterator[tuple[FrameMotion, Finding]]:
         while len(lost) > most:
             motion, none, known = lost.popleft()
             yield motion, _mixed(motion.scene, none, known + [(*each, len(lost) + 1) for each in after])
 
     for motion in motions:
-        small = small_motion(motion)
+        small = small_finding(motion)
         before = [(scene, known, apart + 1) for scene, known, apart in before]
         if small.reason is None or small.reason.code in AT_REST:
             yield from release(0, (motion.scene, small))
@@ -170,15 +176,17 @@ def _bridged(motions: Iterable[FrameMotion]) -> Iterator[tuple[FrameMotion, Moti
     yield from release(0)
 
 
-def _mixed(scene: int, none: Motion, known: list[_Known]) -> Motion:
+def _mixed(scene: int, none: Finding, known: list[_Known]) -> Finding:
     """Returns a motion like those of frames nearby, the less so the further away; otherwise ``none``."""
     alike = [each for each in known if each[0] == scene]
     if not alike and len(known) == 2:  # a scene of so few frames is an error
         alike = known
-    shares = [(motion, max(0.0, 1 - apart / _FADED)) for _, motion, apart in alike]
+    shares = [(found.motion, max(0.0, 1 - apart / _FADED)) for _, found, apart in alike]
     total = max(1.0, sum(share for _, share in shares))
     turns = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
-    return replace(turns[0][0], rotations=sum(share * m.rotations for m, share in turns)) if turns else none
+    if not turns:
+        return none
+    return Finding(replace(turns[0][0], rotations=sum(share * motion.rotations for motion, share in turns)))
 
 
 # ---- flow between neighbours ------------------------------------------------------------------------------------

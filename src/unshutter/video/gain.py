@@ -23,7 +23,7 @@ from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.frame_warper import camera_motion, small_motion
+from unshutter.video.frame_warper import camera_motion, small_finding
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
 
@@ -163,13 +163,14 @@ class _Undone:
 
     @classmethod
     def of(cls, motion: FrameMotion, undo: ClipUndo) -> _Undone:
-        small, size = small_motion(motion), (motion.height, motion.width)
+        found, size = small_finding(motion), (motion.height, motion.width)
+        small = found.motion
         undone = small.rereferenced(undo.reference).scaled(undo.strength)
         ends = small.width - 1, small.height - 1
         col, row = (each.ravel() for each in np.meshgrid(*(np.linspace(0, end, 5) for end in ends)))
         seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)
         grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
-        reason = (small.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
+        reason = (found.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
         return cls(undone, reason, np.nan_to_num(grid) * min(TALL, *size) / min(small.height, small.width))
 
     def seen(self, points: Float64[np.ndarray, "tracks 2"], tracks: Tracks) -> Float64[np.ndarray, "tracks 2"]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import Step
-from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion import RotationMotion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion_file import reason_of
 from unshutter.orientation import Readout
@@ -37,12 +38,12 @@ class ClipMotion:
     height: int  # of the stored frames [px]
     width: int
     times_s: np.ndarray  # [N] presentation time of each frame [s], increasing
-    motions: list[Motion]  # [N] motions of small pictures (``ROWS``), first row as the reference
+    motions: list[Finding]  # [N] motions of small pictures (``ROWS``), first row as the reference
     cuts: list[bool]  # [N] whether a frame shows another scene than the previous one
     steps: list[Step | None]  # [N] rotation of the camera since the previous frame; None if unknown
     lens: Lens | None = None  # the camera's lens, if it bends straight lines
 
-    def at(self, time_s: float) -> tuple[Motion, bool, Step | None]:
+    def at(self, time_s: float) -> tuple[Finding, bool, Step | None]:
         """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it."""
         k = int(np.abs(self.times_s - time_s).argmin())
         if abs(self.times_s[k] - time_s) > 0.001:
@@ -78,8 +79,9 @@ class MotionWriter:
             rotations = motion.rotations[::_STRIDE]
             record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(rotations, 9).tolist()}
         else:
-            record |= {"rotations_rad": None, "reason": "" if motion.reason is None else str(motion.reason)}
-            record |= {} if motion.reason is None else {"declined": motion.reason.as_json()}
+            reason = moving.found.reason
+            record |= {"rotations_rad": None, "reason": "" if reason is None else str(reason)}
+            record |= {} if reason is None else {"declined": reason.as_json()}
         if moving.step is not None:
             focal = moving.step.focal_heights
             record["step"] = {"turn_rad": np.round(moving.step.turn, 9).tolist(), "focal": focal if focal > 0 else None}
@@ -120,10 +122,10 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
     frame_height, frame_width = readout.frame_size(height, width)
     small = max(1, round(frame_width * ROWS / frame_height))
     lens = Lens.of_json(data["lens"]) if "lens" in data else None
-    motions: list[Motion] = []
+    motions: list[Finding] = []
     for frame in data["frames"]:
         if frame["rotations_rad"] is None:
-            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=reason_of(frame)))
+            motions.append(Finding(RowMotion.zero(ROWS, small, readout=readout), reason=reason_of(frame)))
             continue
         samples = np.array(frame["rotations_rad"], np.float64)
         if samples.shape not in [(saved, 3) for saved in _SAVED]:
@@ -132,7 +134,8 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
         rotations -= rotations[0]
         rows = len(rotations)
         columns = max(1, round(frame_width * rows / frame_height))
-        motions.append(RotationMotion(columns, rotations, float(frame["focal"]) * rows, lens, readout=readout))
+        focal_px = float(frame["focal"]) * rows
+        motions.append(Finding(RotationMotion(columns, rotations, focal_px, lens, readout=readout)))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")

@@ -46,7 +46,7 @@ class Tally:
         if moving.dense or not moving.motion.is_zero:
             self.rectified += 1
         else:
-            self.reasons[moving.motion.reason or Reason(Code.NO_MOTION)] += 1
+            self.reasons[moving.found.reason or Reason(Code.NO_MOTION)] += 1
         time_s, motion = moving.frame.time or 0.0, moving.motion
         if moving.cut:
             self.cuts_s.append(round(time_s, 3))

@@ -15,6 +15,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.warp import thread_count
 from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
@@ -73,18 +74,18 @@ class Rendering:
 
     def _with_known_motion(self, frames: Generator[VideoFrame]) -> Generator[MovingFrame]:
         plan = self.plan
-        unchanged = RowMotion.zero(ROWS, ROWS, reason=plan.reason) if isinstance(plan, Leave) else None
+        unchanged = Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason) if isinstance(plan, Leave) else None
         with closing(frames):
             for number, frame in enumerate(frames):
                 if self.stabilisation is not None:
                     path, view = self.stabilisation.path, self.stabilisation.view(number)
-                    motion = unchanged or path.motion(number)
-                    yield MovingFrame(frame, motion, path.cuts[number], step=path.middle_steps[number], view=view)
+                    found = unchanged or path.finding(number)
+                    yield MovingFrame(frame, found, path.cuts[number], step=path.middle_steps[number], view=view)
                 elif unchanged is not None:
                     yield MovingFrame(frame, unchanged)
                 elif isinstance(plan, Undo) and plan.motion is not None:
-                    motion, cut, step = plan.motion.at(frame.time or 0.0)
-                    yield MovingFrame(frame, motion, cut, step=step)
+                    found, cut, step = plan.motion.at(frame.time or 0.0)
+                    yield MovingFrame(frame, found, cut, step=step)
 
     def rectified(self, warper: Warper, frames: Iterator[VideoFrame]) -> Generator[NewFrame]:
         """Yields the frames to encode."""
@@ -119,7 +120,7 @@ def with_steady_views(rendering: Rendering) -> Rendering:
     path = CameraPath(undo, request.readout, width / height, request.lens)
     motion = rendering.plan.motion if isinstance(rendering.plan, Undo) else None
     for moving in watched(replace(rendering, plan=Undo(motion))):
-        path.add(moving.motion, moving.step, moving.cut, moving.frame.time or 0.0)
+        path.add(moving.found, moving.step, moving.cut, moving.frame.time or 0.0)
     if motion is not None and not any(path.middle_steps):
         raise UnshutterError(
             f"{options.motion} is from an earlier version and lacks the turns between frames: "

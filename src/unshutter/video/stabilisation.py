@@ -18,7 +18,8 @@ import numpy as np
 
 from unshutter.frames.frame_motion import Step
 from unshutter.frames.smoothing import Room, Smoothing, stiffness_for
-from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion import RotationMotion, RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion import row_index
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
@@ -62,12 +63,13 @@ class CameraPath:
     def __len__(self) -> int:
         return len(self.times_s)
 
-    def add(self, motion: Motion, step: Step | None, cut: bool, time_s: float) -> None:
+    def add(self, found: Finding, step: Step | None, cut: bool, time_s: float) -> None:
         """Adds the next frame.
 
         Args:
-            motion: motion of a small picture, with the first row as the reference.
+            found: motion of a small picture, with the first row as the reference.
         """
+        motion = found.motion
         focal = np.nan if step is None else step.focal_heights
         at_reference = np.eye(3)
         if isinstance(motion, RotationMotion):
@@ -85,13 +87,15 @@ class CameraPath:
         self.focals.append(focal)
         self.borders.append(borders_of(undone, self.aspect))
         self.middle_steps.append(step)
-        self._motions.append(_Rows.of(motion) if isinstance(motion, RotationMotion) else motion.reason)
+        self._motions.append(_Rows.of(motion) if isinstance(motion, RotationMotion) else found.reason)
         self._at_reference = at_reference
 
-    def motion(self, frame: int) -> Motion:
+    def finding(self, frame: int) -> Finding:
         """Returns the motion of a frame, first row as the reference; zero, with a reason, if it has none."""
         kept = self._motions[frame]
-        return kept.motion(self.lens) if isinstance(kept, _Rows) else RowMotion.zero(ROWS, ROWS, reason=kept)
+        if isinstance(kept, _Rows):
+            return Finding(kept.motion(self.lens))
+        return Finding(RowMotion.zero(ROWS, ROWS), reason=kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +106,15 @@ class _Rows:
     width: int
     focal_px: float
     readout: Readout
-    estimator: str
 
     @classmethod
     def of(cls, motion: RotationMotion) -> _Rows:
         rotations = motion.rotations.astype(np.float32)
-        return cls(rotations, motion.width, motion.focal_px, motion.readout, motion.estimator)
+        return cls(rotations, motion.width, motion.focal_px, motion.readout)
 
     def motion(self, lens: Lens | None) -> RotationMotion:
-        rotations, origin = self.rotations.astype(np.float64), {"readout": self.readout, "estimator": self.estimator}
-        return RotationMotion(self.width, rotations=rotations, focal_px=self.focal_px, lens=lens, **origin)
+        rotations = self.rotations.astype(np.float64)
+        return RotationMotion(self.width, rotations, self.focal_px, lens, readout=self.readout)
 
 
 @dataclass(frozen=True, eq=False)

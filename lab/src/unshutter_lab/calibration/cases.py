@@ -247,7 +247,7 @@ class FrameSearchCase(SearchCase):
 
 @cache
 def _frame_motions(clip: tuple[Path, ...], ratio: float) -> list[Motion]:
-    return list(estimate_frames(clip, readout_ratio=ratio))
+    return [found.motion for found in estimate_frames(clip, readout_ratio=ratio)]
 
 
 @cache
@@ -268,6 +268,6 @@ def found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | 
         return []
     records = []
     for mode in modes_of(posterior):
-        motion = view.cubic_motion(mode.motion.reshape(2, 3), DEFAULT_ESTIMATOR)
+        motion = view.cubic_motion(mode.motion.reshape(2, 3), DEFAULT_ESTIMATOR).motion
         records.append({"error": motion_error(motion, truth).epe, "features": features(posterior, mode, answer)})
     return records

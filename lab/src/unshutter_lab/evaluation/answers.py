@@ -11,8 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.progress import Progress
+from unshutter.reasons import MotionSource
 from unshutter.single import Method
 from unshutter.single.estimator import Estimator, View
 from unshutter.storage.files import written_whole
@@ -32,15 +33,15 @@ class FolderAnswers(Estimator):
     def __reduce__(self) -> tuple:
         return type(self), (self.folder,)
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """See :class:`Estimator`."""
         if view.photo.path is None:
             return view.no_motion(self.name, "this protocol's pictures have no names")
         file = self.folder / f"{view.photo.path.stem}.json"
         if not file.is_file():
             return view.no_motion(self.name, f"there is no {file.name}")
-        motion = Motion.load(file).resized(view.height, view.width)
-        return replace(motion, estimator=self.name).rereferenced("first")
+        found = Finding.load(file).resized(view.height, view.width).rereferenced("first")
+        return replace(found, estimator=self.name, source=MotionSource.PIXELS)
 
 
 def answers_in(folders: Iterable[Path], cases: Iterable[Case]) -> list[str]:

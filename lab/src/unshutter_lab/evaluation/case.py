@@ -92,10 +92,15 @@ class Example:
 class Answer:
     """An estimator's answer."""
 
-    motion: Motion  # with the first row as the reference; zero if the estimator failed
+    found: Finding  # with the first row as the reference; zero if the estimator failed
     others: tuple[Motion, ...] = ()  # the other candidates
     declined: str = ""  # why the estimator could say nothing, in its own words; otherwise empty
     failed: str = ""  # the error that it raised; otherwise empty
+
+    @property
+    def motion(self) -> Motion:
+        """The motion."""
+        return self.found.motion
 
     def figures(self) -> Record:
         """Returns the figures common to the records of all protocols.
@@ -106,13 +111,13 @@ class Answer:
         """
         scale = 256 / self.motion.height
         farthest = self.motion.largest_px * scale
-        kinds = dict(self.motion.kind_shares)
+        kinds = dict(self.found.kind_shares)
         return {
             "declined": self.declined,
             "failed": self.failed,
-            "confidence": self.motion.confidence,
+            "confidence": self.found.confidence,
             "farthest": farthest if np.isfinite(farthest) else None,
-            "left_alone": judge(Finding(self.motion), Undo()).cause or "",
+            "left_alone": judge(self.found, Undo()).cause or "",
             "kind": max(kinds, key=kinds.__getitem__, default=""),
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
@@ -122,11 +127,12 @@ class Answer:
 def ask(estimator: Estimator, view: View) -> Answer:
     """Runs an estimator on a photo. An exception becomes part of the answer."""
     try:
-        motion, *others = (each.motion.rereferenced("first") for each in find_candidates(estimator, view))
+        found, *others = (each.finding.rereferenced("first") for each in find_candidates(estimator, view))
     except Exception as error:  # whatever it is, the other estimators must still be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)
-    return Answer(motion, tuple(others), declined=str(motion.reason or "") if motion.confidence is None else "")
+    declined = str(found.reason or "") if found.confidence is None else ""
+    return Answer(found, tuple(other.motion for other in others), declined)
 
 
 def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:

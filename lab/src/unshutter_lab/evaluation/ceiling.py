@@ -45,7 +45,7 @@ def cubic_motion(theta: np.ndarray, height: int, width: int, reference: Referenc
     Cubic relative to the first row, as in estimators' answers, then re-referenced.
     """
     tx, rz = [0, *(theta[:3] * height)], [0, *theta[3:]]
-    return RowMotion.from_polynomials(tx, rz, height, width, estimator="ceiling").rereferenced(reference)
+    return RowMotion.from_polynomials(tx, rz, height, width).rereferenced(reference)
 
 
 class _Level:

@@ -18,6 +18,7 @@ import numpy as np
 
 from unshutter.frames.sequence import CameraMotion
 from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.options import Camera, Reference
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutRatio
@@ -84,7 +85,7 @@ class VideoCase(Case):
     def _rectified_frames(self, name: str, photos: list[Photo], loaded: Loaded) -> tuple[list[Answer], list[_Masked]]:
         """Returns the answers, and the resulting frames with their masks."""
         if name == TRUTH:
-            nothing = Answer(RowMotion.zero(photos[0].height, photos[0].width))
+            nothing = Answer(Finding(RowMotion.zero(photos[0].height, photos[0].width)))
             return [nothing], [_as_it_is(Photo.open(frame.gs[_REFERENCE])) for frame in self.frames]
         answers = [ask(loaded(name), View(photo)) for photo in photos]
         motions = [answer.motion.rereferenced(_REFERENCE) for answer in answers]
@@ -216,8 +217,8 @@ class SequenceCase(Case):
         if name in self.oracles:
             known = ReadoutRatio(self.ratio) if name == RATIO_KNOWN else None
             finder = CameraMotion(known)
-            motions = [frame.motion() for frame in finder.frames(frames)]
-            return [Answer(motions[k], declined=str(motions[k].reason or "")) for k in numbers], finder.ratio
+            found = [frame.finding() for frame in finder.frames(frames)]
+            return [Answer(found[k], declined=str(found[k].reason or "")) for k in numbers], finder.ratio
         views = [View(Photo.from_array(frames[k]), Camera(focal_px=camera.focal_px)) for k in numbers]
         return [ask(loaded(name), view) for view in views], None
 

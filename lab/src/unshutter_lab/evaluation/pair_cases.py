@@ -16,6 +16,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
+from unshutter.motion.finding import Finding
 from unshutter.options import Clock, FrameModel, Reference, Undo
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
@@ -187,7 +188,7 @@ class PairCase(Case):
                 else:
                     motion = answer.motion.rereferenced(row) if answer else fit_to_pair(rs, gs, row)
                     picture, mask = rectified(photo, motion)
-                    figures = (answer or Answer(motion.rereferenced("first"))).figures()
+                    figures = (answer or Answer(Finding(motion.rereferenced("first")))).figures()
                 scores = picture_scores({"": picture, "input": rs}, gs, mask)
                 place = {**self.place, "suite": f"{reference} row", "estimator": name}
                 records.append(place | figures | scores)

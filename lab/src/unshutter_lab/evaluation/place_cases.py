@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from unshutter.frames.sequence import CameraMotion
-from unshutter.motion import Motion, RowMotion
+from unshutter.motion import RowMotion
 from unshutter.options import Camera as Stated
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutRatio
@@ -172,8 +172,8 @@ class PlaceClip(_Drawn, Case):
         """Returns answers by the number of the frame: of all frames, or of the middle one."""
         if name in self.oracles:
             known = ReadoutRatio(turning.readout_ratio) if name == RATIO_KNOWN else None
-            motions: list[Motion] = [frame.motion() for frame in CameraMotion(known).frames(frames)]
-            return {k: Answer(motion, declined=str(motion.reason or "")) for k, motion in enumerate(motions)}
+            answers = [frame.finding() for frame in CameraMotion(known).frames(frames)]
+            return {k: Answer(found, declined=str(found.reason or "")) for k, found in enumerate(answers)}
         middle = self.suite.frames // 2
         return {middle: ask(loaded(name), self._view(frames[middle], turning.focal_px))}
 

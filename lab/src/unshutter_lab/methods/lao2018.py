@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.single.estimator import Estimator, View
 from unshutter_lab.methods.curves import (
     RotatedCurves,
@@ -39,7 +39,7 @@ SEED = 0
 class Lao2018(Estimator):
     """Random samples of four curves, followed by a fit to all inliers."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """Returns uniform rotation; zero motion with a reason if fewer than four curves are found or agree."""
         grey = view.grey(SHORT_SIDE)
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]

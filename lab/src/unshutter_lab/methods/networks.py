@@ -40,7 +40,7 @@ class Kandula2020Research(SquareNetwork):
     def estimate(self, view: View) -> Motion:
         """Returns cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
         trajectory, *row_map = self.run(square_of(view))
-        motion = motion_of_square(view, np.arange(SIZE), trajectory, self.name)
+        motion = motion_of_square(view, np.arange(SIZE), trajectory)
         if not row_map:
             return motion.rereferenced("first")
         side = side_of(view)
@@ -49,7 +49,6 @@ class Kandula2020Research(SquareNetwork):
             tx_px=motion.tx_px,
             rz_rad=motion.rz_rad,
             readout=view.readout,
-            estimator=self.name,
             residual_px=(row_map[0] - np.arange(SIZE)[:, None]) * (side / SIZE),
             corner=corner_of(view),
             size=(side, side),
@@ -68,4 +67,4 @@ class Rengarajan2017(SquareNetwork):
     def estimate(self, view: View) -> Motion:
         """Returns quadratic t_x and r_z through the key rows, first row as the reference."""
         key_rows = self.run(square_of(view))[0]
-        return motion_of_square(view, KEY_ROWS, key_rows, self.name, degree=2).rereferenced("first")
+        return motion_of_square(view, KEY_ROWS, key_rows, degree=2).rereferenced("first")

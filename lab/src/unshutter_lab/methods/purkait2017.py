@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.likelihood import find_segments
@@ -33,7 +33,7 @@ SEED = 0
 class Purkait2017(Estimator):
     """MSAC over samples of four segments, followed by a refinement on all inliers."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """Returns uniform rotation about z; zero motion with a reason below eight segments or 75 % inliers."""
         grey = view.grey(SHORT_SIDE)
         height, width = grey.shape

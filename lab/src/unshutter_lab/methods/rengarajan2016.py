@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.single.estimator import Estimator, View
 from unshutter_lab.methods.curves import (
     RotatedCurves,
@@ -43,7 +43,7 @@ MOTION_SIGMAS = np.array([0.005, 0.15, 0.1])  # rad; of the coefficients about x
 class Rengarajan2016(Estimator):
     """Minimises line cost + angle cost + length cost, the Lagrangian form of the method's constrained problem."""
 
-    def estimate(self, view: View) -> Motion:
+    def estimate(self, view: View) -> Finding:
         """Returns polynomial rotations; zero motion with a reason if there are too few curves."""
         grey = view.grey(SHORT_SIDE)
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]

@@ -156,7 +156,7 @@ class FilmedStill:
         rotations = self._rotations(self._still_times())
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
-        return RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
+        return RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px)
 
     def still(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 0) -> UInt8[np.ndarray, "height width"]:
         """Returns the still."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
+from unshutter.motion.finding import Finding
 from unshutter.photo import Photo
 from unshutter.photo.photo import check_size
 from unshutter.progress import Progress
@@ -122,7 +123,8 @@ def synthesize_folder(
                 others += 1  # photos with the same name from several folders
             Photo.from_array(rs, settings.exposure_s).save(out / "rs" / f"{unique}.png")
             Photo.from_array(gs).save(out / "gs" / f"{unique}.png")
-            drawn.crop.save(out / "motion" / f"{unique}.json")
+            truth = Finding(drawn.crop, estimator="drawn", confidence=1.0)
+            truth.save(out / "motion" / f"{unique}.json")
             about = {"photo": str(photo), "photo_sha256": digest, "drawn": drawn.parameters}
             pairs[unique.casefold()] = {"name": unique, **about}
         if progress:

@@ -49,7 +49,7 @@ class Turning(Moving):
         vectors = rotation_vector(self._rotations(np.arange(self.camera.height)))
         vectors[0] = 0.0
         camera = {"width": self.camera.width, "focal_px": self.camera.focal_px}
-        return RotationMotion(rotations=vectors, estimator="drawn", **camera)
+        return RotationMotion(rotations=vectors, **camera)
 
     def _rotations(self, rows: np.ndarray) -> np.ndarray:
         times = np.append(rows, 0.0) * (self.readout_s / self.camera.height)
@@ -80,7 +80,7 @@ class Quadratic(Moving):
 
     def motion(self) -> RowMotion:
         """See :class:`Moving`."""
-        return RowMotion(self.camera.width, *self._values(np.arange(self.camera.height)), estimator="drawn")
+        return RowMotion(self.camera.width, *self._values(np.arange(self.camera.height)))
 
     def _values(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         u = rows / self.camera.height

@@ -44,10 +44,7 @@ class DrawnMotion:
         margin = _margin(rows, canvas)
         tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]
         crop_rows = slice(margin, margin + rows)
-        origin = {"estimator": "drawn", "confidence": 1.0}
-        return cls(
-            RowMotion(canvas, tx, rz, **origin), RowMotion(rows, tx[crop_rows], rz[crop_rows], **origin), parameters
-        )
+        return cls(RowMotion(canvas, tx, rz), RowMotion(rows, tx[crop_rows], rz[crop_rows]), parameters)
 
     @property
     def margin(self) -> int:

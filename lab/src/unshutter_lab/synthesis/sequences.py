@@ -65,7 +65,7 @@ class TurningCamera:
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
         camera = {"width": self.width, "focal_px": self.focal_px, "lens": self.lens}
-        motion = RotationMotion(rotations=vectors, estimator="drawn", **camera)
+        motion = RotationMotion(rotations=vectors, **camera)
         return motion.rereferenced(reference)
 
     def rendered(
