@@ -175,10 +175,25 @@ def test_a_phone_has_large_targets_in_straight_rows(chromium: Browser, server: S
 
     assert all(box["height"] >= 44 for box in boxes("#strip-bar button"))
     assert len({box["top"] for box in boxes(".sensor")}) == 1 and len(boxes(".sensor")) == 5
+    assert len({box["width"] for box in boxes("#candidates meter")}) == 1 < len(boxes("#candidates meter"))
     assert len({box["left"] for box in boxes("#panel .field select")}) <= 2  # of the panel, and of its sections
     assert len({box["height"] for box in boxes(".thumbnail")}) == 1
     assert page.evaluate("document.documentElement.scrollWidth") == width
     context.close()
+
+
+def test_the_ways_a_camera_can_have_moved_stand_in_one_line(
+    chromium: Browser, server: Server, facade, tmp_path: Path
+) -> None:
+    Photo.from_array(facade).save(tmp_path / "straight.png")
+    page = chromium.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.set_default_timeout(SLOW_MS)
+    page.goto(server.link)
+    drop(page, tmp_path / "straight.png")
+    wait_for(page, "alone")
+    ways = [page.locator(f"#advice-{way}").evaluate("node => node.offsetTop") for way in ("left", "right", "yes")]
+    assert ways[0] > 0 and len(set(ways)) == 1
+    page.close()
 
 
 def test_rows_of_thumbnails_keep_their_height(page: Page, photo: Path) -> None:

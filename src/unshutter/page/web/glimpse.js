@@ -3,6 +3,7 @@
 import { make } from "./nodes.js";
 
 const SIDE = 1000; // px, of the longer side
+const MOST_BYTES = 50e6; // of a photo: the browser decodes all of it
 const PATIENCE_MS = 8000;
 
 /** @typedef {{ blob: Blob, width: number, height: number }} Glimpse the size is that of the file's picture [px] */
@@ -12,38 +13,31 @@ const PATIENCE_MS = 8000;
  * @param {File} file @param {boolean} isClip @returns {Promise<Glimpse | null>}
  */
 export async function glimpse(file, isClip) {
-  const address = URL.createObjectURL(file);
+  if (!isClip && file.size > MOST_BYTES) return null;
   try {
-    const picture = await (isClip ? middleFrame(address) : photo(address));
-    const [width, height] = "videoWidth" in picture ? [picture.videoWidth, picture.videoHeight] : sizeOf(picture);
+    const picture = await (isClip ? middleFrame(file) : createImageBitmap(file));
+    const { width, height } = picture;
     const scale = Math.min(SIDE / Math.max(width, height), 1);
     const canvas = new OffscreenCanvas(Math.max(width * scale, 1), Math.max(height * scale, 1));
     canvas.getContext("2d")?.drawImage(picture, 0, 0, canvas.width, canvas.height);
+    picture.close();
     return { blob: await canvas.convertToBlob({ type: "image/jpeg" }), width, height };
   } catch {
     return null;
-  } finally {
-    URL.revokeObjectURL(address);
   }
 }
 
-/** @param {string} src */
-async function photo(src) {
-  const image = make("img", { src });
-  await image.decode();
-  return image;
-}
-
-/** @param {HTMLImageElement} image @returns {[number, number]} */
-const sizeOf = ({ naturalWidth, naturalHeight }) => [naturalWidth, naturalHeight];
-
-/** @param {string} src */
-async function middleFrame(src) {
-  const video = make("video", { src, preload: "auto" });
-  await heard(video, "loadeddata");
-  video.currentTime = video.duration / 2;
-  await heard(video, "seeked");
-  return video;
+/** @param {File} file */
+async function middleFrame(file) {
+  const video = make("video", { src: URL.createObjectURL(file), preload: "auto" });
+  try {
+    await heard(video, "loadeddata");
+    video.currentTime = video.duration / 2;
+    await heard(video, "seeked");
+    return await createImageBitmap(video);
+  } finally {
+    URL.revokeObjectURL(video.src);
+  }
 }
 
 /** @param {HTMLVideoElement} video @param {string} event */

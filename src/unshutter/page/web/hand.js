@@ -1,12 +1,12 @@
 // By hand: how far the photo leans, bends and turns, by dragging it or as numbers; and lines drawn on it.
 
-/** @import { Arrow, Point, Pull, Readout, Shape, Tool } from "./types.js" @import { Lines } from "./lines.js" */
+/** @import { Pull, Readout, Shape, Tool } from "./types.js" @import { Lines } from "./lines.js" */
 /** @import { Photo } from "./photo.js" */
 
 import { about } from "./form.js";
 import { KINDS } from "./lines.js";
 import { make, refill } from "./nodes.js";
-import { within } from "./stage.js";
+import { VECTORS, within } from "./stage.js";
 import { button, number, press, quiet, row, section } from "./widgets.js";
 import { words } from "./words.js";
 
@@ -35,8 +35,6 @@ const ACROSS = {
   "left-to-right": "bottom-to-top",
   "right-to-left": "top-to-bottom",
 };
-/** @type {Record<Arrow, Point>} */
-const VECTORS = { down: [0, 1], up: [0, -1], right: [1, 0], left: [-1, 0] };
 /** @type {Record<string, number>} */
 const ORIGINS = { first: 0, middle: 0.5, last: 1 }; // reference row -> place along the readout
 

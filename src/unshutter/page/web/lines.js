@@ -1,10 +1,11 @@
 // Lines that the user draws along things in the photo before it is straightened: upright, level, or bent though
 // straight.
 
-/** @import { Line, LineKind, LineTrouble, Point, Segment } from "./types.js" @import { Stage } from "./stage.js" */
+/** @import { Arrow, Line, LineKind, LineTrouble, Point, Segment } from "./types.js" */
+/** @import { Stage } from "./stage.js" */
 
 import { draw, make } from "./nodes.js";
-import { apart, middle, overlay, within } from "./stage.js";
+import { apart, middle, overlay, VECTORS, within } from "./stage.js";
 import { words } from "./words.js";
 
 const STEP = 0.002; // share of the picture for a press of an arrow key
@@ -28,8 +29,6 @@ const IN_THE_MIDDLE = {
     [0.5, 0.75],
   ],
 };
-/** @type {Record<string, Point>} */
-const MOVES = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] };
 export const KINDS = /** @type {LineKind[]} */ (Object.keys(IN_THE_MIDDLE));
 
 /** @typedef {{ kind: LineKind, number: number, end: number, point: Point }} End */
@@ -214,10 +213,11 @@ export class Lines {
     };
     handle.addEventListener("keydown", (event) => {
       if (event.key === "Delete" || event.key === "Backspace") return this.remove(number);
-      if (!(event.key in MOVES)) return;
+      const way = /** @type {Arrow} */ (event.key.slice("Arrow".length).toLowerCase());
+      if (!(way in VECTORS)) return;
       event.preventDefault();
-      const [[x, y], [dx, dy]] = [this.#list[number].points[end], MOVES[event.key]];
-      move([x + dx, y + dy]);
+      const [[x, y], [across, down]] = [this.#list[number].points[end], VECTORS[way]];
+      move([x + STEP * across, y + STEP * down]);
       this.changed();
     });
     handle.addEventListener("pointerdown", (event) => {

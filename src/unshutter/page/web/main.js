@@ -9,7 +9,7 @@ import { by } from "./nodes.js";
 import { shared } from "./panel.js";
 import { Photo } from "./photo.js";
 import { saveAll } from "./saving.js";
-import { pressed } from "./stage.js";
+import { pressed, VECTORS } from "./stage.js";
 import { Strip } from "./strip.js";
 import { stay } from "./tab.js";
 import { View } from "./view.js";
@@ -137,7 +137,7 @@ async function glimpseAhead() {
   for (;;) {
     const item = [view.current, ...items].find((each) => each && !each.glimpsed);
     if (!item) break;
-    await item.look();
+    await item.look().catch(() => {}); // its turn will show what is wrong
   }
   glimpsing = false;
 }
@@ -202,14 +202,7 @@ const keys = {
   escape: () => hand.stop(),
 };
 for (let number = 1; number <= 9; number++) keys[number] = () => view.pick(number);
-/** @type {[string, number, number][]} */
-const ARROWS = [
-  ["left", -1, 0],
-  ["up", 0, -1],
-  ["right", 1, 0],
-  ["down", 0, 1],
-];
-for (const [way, across, down] of ARROWS) {
+for (const [way, [across, down]] of Object.entries(VECTORS)) {
   keys[`arrow${way}`] = () =>
     hand.pulls ? hand.nudge(across + down) : stage.shiftBy(-STEP_PX * across, -STEP_PX * down);
 }

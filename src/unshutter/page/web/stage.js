@@ -1,13 +1,15 @@
 // Before and after, one over the other, with a divider to drag; zoom by wheel, pinch and keys; lines over both.
 // Where the result is cropped, both are shown in the frame of the crop.
 
-/** @import { Box, Point, Segments, Which } from "./types.js" */
+/** @import { Arrow, Box, Point, Segments, Which } from "./types.js" */
 
 import { draw, make } from "./nodes.js";
 import { words } from "./words.js";
 
 /** @type {Box} */
 const WHOLE = [0, 0, 1, 1];
+/** Directions on the screen. @type {Record<Arrow, Point>} */
+export const VECTORS = { down: [0, 1], up: [0, -1], right: [1, 0], left: [-1, 0] };
 const SIDES = /** @type {const} */ (["before", "after"]);
 const GRID_CELLS = 12; // across and down
 /** Keys -> how far the divider goes [%]. @type {Record<string, number>} */
