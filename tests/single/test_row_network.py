@@ -91,7 +91,7 @@ def test_a_larger_photo_gets_a_larger_motion(rolling_facade: np.ndarray) -> None
 def test_an_enlarged_motion_is_a_cubic_within_the_square_and_straight_beyond(rolling_facade: np.ndarray) -> None:
     """Straight pieces between the network's rows made the warp of a large photo four times as slow."""
     square = cv2.resize(rolling_facade[:400, :400], (1000, 1000))
-    found = unshutter.estimate(np.pad(square, ((100, 100), (0, 0), (0, 0))), estimator="kandula2020")
+    found = unshutter.estimate(np.pad(square, ((100, 100), (0, 0), (0, 0))), estimator="kandula2020").motion
     for values in (found.tx_px, found.rz_rad):
         assert np.abs(np.diff(values[100:1100], 2)).max() > 1e-7
         np.testing.assert_allclose(np.diff(values[100:1100], 4), 0, atol=1e-9)
