@@ -130,12 +130,12 @@ function workInBackground() {
   }
 }
 
-/** All get a first picture before their turn, one after the other. */
+/** All get a first picture before their turn, one after the other, and first those that the browser can draw. */
 async function glimpseAhead() {
   if (glimpsing) return;
   glimpsing = true;
   for (;;) {
-    const item = [view.current, ...items].find((each) => each && !each.glimpsed);
+    const [item] = items.filter(({ looks }) => looks < 2).sort((one, other) => one.looks - other.looks);
     if (!item) break;
     await item.look().catch(() => {}); // its turn will show what is wrong
   }

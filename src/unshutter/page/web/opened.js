@@ -29,7 +29,7 @@ export class Opened extends EventTarget {
   #sending = null;
   /** @type {Glimpse | null} a first picture, drawn by the browser */
   glimpse = null;
-  glimpsed = false; // whether one was looked for
+  looks = 0; // how often one was looked for: by the browser, and by the program
 
   /** @param {File} file @param {string} address of its kind in the program's API */
   constructor(file, address) {
@@ -85,13 +85,15 @@ export class Opened extends EventTarget {
     }
   }
 
-  /** Gets a first picture, if it has none: from the browser, or from the program if nobody waits for its answer. */
+  /** Gets a first picture, if it has none: from the browser; the second time from the program, before its turn. */
   async look() {
-    this.glimpsed = true;
-    if (this.pictures.before) return;
-    this.glimpse = await glimpse(this.file, this.address.endsWith("clips"));
-    this.tell();
-    if (this.glimpse || this.state !== "waiting") return;
+    this.looks += 1;
+    if (this.pictures.before || this.glimpse) return;
+    if (this.looks === 1) {
+      this.glimpse = await glimpse(this.file, this.address.endsWith("clips"));
+      return this.tell();
+    }
+    if (this.state !== "waiting") return;
     try {
       await this.sendAhead();
       await this.firstPicture();
