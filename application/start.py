@@ -1,8 +1,14 @@
 """Where the application starts: files are opened on the page, and the words of the command line are understood, too."""
 
+import html
+import io
 import os
 import sys
+import tempfile
+import webbrowser
+from contextlib import redirect_stderr
 from multiprocessing import freeze_support
+from pathlib import Path
 
 
 def command(words: list[str]) -> list[str]:
@@ -15,11 +21,35 @@ def command(words: list[str]) -> list[str]:
 
 
 def restore_libraries() -> None:
-    """Restores the place of the system's libraries, for the browser: the program has started with its own."""
+    """Restores the place of the system's libraries, for the browser: the program has started with its own.
+
+    Its own further processes find theirs again, since they start as if nobody had started them.
+    """
+    os.environ["PYINSTALLER_RESET_ENVIRONMENT"] = "1"
     before = os.environ.pop("LD_LIBRARY_PATH_ORIG", None)
     os.environ.pop("LD_LIBRARY_PATH", None)
     if before is not None:
         os.environ["LD_LIBRARY_PATH"] = before
+
+
+def has_terminal() -> bool:
+    """Whether somebody reads what is printed."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+def open_without_terminal(words: list[str]) -> int:
+    """Opens files on the page; what prevents that is shown in the browser, too. Returns the exit code."""
+    from unshutter.cli import main, open_missing_streams
+
+    open_missing_streams()
+    with redirect_stderr(io.StringIO()) as told:
+        code = main(words)
+    print(told.getvalue(), end="", file=sys.stderr)
+    if code:
+        with tempfile.NamedTemporaryFile("w", suffix=".html", delete=False, encoding="utf-8") as page:
+            page.write(f'<!doctype html><meta charset="utf-8"><title>unshutter</title>{html.escape(told.getvalue())}')
+        webbrowser.open(Path(page.name).as_uri())
+    return code
 
 
 if __name__ == "__main__":
@@ -29,4 +59,6 @@ if __name__ == "__main__":
     from unshutter.cli import run
 
     sys.argv[1:] = command(sys.argv[1:])
+    if sys.argv[1] == "open" and not has_terminal():
+        sys.exit(open_without_terminal(sys.argv[1:]))
     run()

@@ -87,6 +87,14 @@ def saved_clip(client: httpx.Client, clip: Path) -> bytes:
 
 
 @built
+def test_what_cannot_be_opened_is_shown_in_the_browser(user: User, tmp_path: Path) -> None:
+    refused = user.open(tmp_path / "no<b>.jpg")
+    assert refused.returncode == 1 and "there is no file" in refused.stderr and refused.stderr.count("\n") == 1
+    (shown,) = user.home.glob("*.seen")
+    assert f"there is no file {tmp_path}/no&lt;b&gt;.jpg" in shown.read_text()
+
+
+@built
 def test_a_clip_is_straightened_with_its_encoders(user: User, tmp_path: Path) -> None:
     _, frames = clips.moving(16)
     clip = clips.write(tmp_path / "walk.mp4", frames)
@@ -110,9 +118,11 @@ def test_all_extras_are_in_it(user: User, photo: Path, tmp_path: Path) -> None:
 
 
 @built
-def test_its_browser_gets_the_libraries_of_the_system(user: User) -> None:
+def test_its_browser_gets_the_libraries_of_the_system_and_its_page_its_own(user: User) -> None:
     assert user.open().returncode == 0
     assert (user.home / "environment").read_text() == "LD_LIBRARY_PATH=\n"
+    mapped = set(re.findall(r"/\S+/libssl\S+", Path(f"/proc/{user.page.pid}/maps").read_text()))
+    assert mapped and all(Path(each).is_relative_to(FOLDER) for each in mapped)
     assert {each.name for each in user.home.iterdir()} <= {
         *("browser", "environment", "opened", "unshutter"),
         *(each.name for each in temporary_folders(user.home)),
