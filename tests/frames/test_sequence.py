@@ -143,7 +143,7 @@ def test_frames_are_not_kept():
         return peak
 
     most_memory(5)
-    assert most_memory(100) < 1.3 * most_memory(50)
+    assert most_memory(160) < 1.3 * most_memory(80)
 
 
 @pytest.mark.parametrize(

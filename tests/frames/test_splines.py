@@ -24,11 +24,12 @@ def test_banded_systems_are_solved(size):
     rng = np.random.default_rng(size)
     factor = np.tril(np.triu(rng.normal(size=(size, size)), -2)) + 3 * np.eye(size)
     matrix, right = factor @ factor.T, rng.normal(size=size)
-    solution, left = solve_banded(matrix, right, block=3)
-    assert solution == pytest.approx(np.linalg.solve(matrix, right))
+    solution, left = solve_banded(matrix, np.stack([right, 2 * right], axis=1), block=3)
+    expected = np.linalg.solve(matrix, right)
+    assert solution == pytest.approx(np.stack([expected, 2 * expected], axis=1))
     assert log_determinant(left) == pytest.approx(np.linalg.slogdet(matrix)[1])
 
 
 def test_a_system_that_is_not_positive_definite_is_refused():
     with pytest.raises(np.linalg.LinAlgError):
-        log_determinant(solve_banded(-np.eye(4), np.ones(4), block=2)[1])
+        log_determinant(solve_banded(-np.eye(4), np.ones((4, 1)), block=2)[1])

@@ -14,6 +14,8 @@ D_y, D_x, D_z act like translations t_x, t_y and a rotation r_z, for cameras tha
 A fourth unknown is the change of scale, x1 - x0 = x D_4, y1 - y0 = y D_4: without it, a camera that drives forwards
 would be mistaken for one that rotates. It is estimated but not corrected.
 
+So is the skew and stretch that depth adds to each pair (parallax.py).
+
 Errors of tracks are modelled by Student's t, so that outliers have little influence, and the spline's second derivative
 as white noise. The size of both is estimated too, by maximising the probability of the tracks (the evidence).
 """
@@ -21,11 +23,12 @@ as white noise. The size of both is estimated too, by maximising the probability
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from unshutter.frames.parallax import PairShapes, Solution
 from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
@@ -133,6 +136,16 @@ class Fit:
         """Returns the fit of a camera that does not move."""
         return cls(np.zeros((ORDER, _UNKNOWNS)), focal_px, 0.0, _STIFFNESS[-1], 0.0)
 
+    def later(self, frames: int) -> Fit:
+        """Returns the fit for times counted from so many frames later, to start another one from."""
+        return replace(self, coefficients=self.coefficients[PER_FRAME * frames :])
+
+    def of_knots(self, knots: int) -> Float64[np.ndarray, "knots 4"]:
+        """Returns the coefficients of so many knots: if these are more, the camera goes on at the speed it had."""
+        known = self.coefficients[:knots]
+        steps = np.arange(1, knots - len(known) + 1)[:, None]
+        return np.concatenate([known, known[-1] + steps * (known[-1] - known[-2])])
+
     def turn(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
         """T [rad] at times [frame intervals since the first frame's first row]; constant beyond the ends."""
         last = (len(self.coefficients) - 3) / PER_FRAME
@@ -150,6 +163,9 @@ class Problem:
     # times of the first frame and of each later one [usual frame intervals], the first below 1; None if frames were
     # taken at even intervals
     starts: Sequence[float] | None = None
+    # standard deviation of the skew and stretch that depth adds to a pair, for a px of speed [px] (parallax.py); None:
+    # there is none
+    depth: float | None = None
     _unit: float = field(init=False)
     # [2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]
     _ends: Float64[np.ndarray, "2 pairs most 2"] = field(init=False)
@@ -191,6 +207,15 @@ class Problem:
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
         spline = basis(np.minimum(times, self._local / PER_FRAME - 0.76) * PER_FRAME, self._local)
         return TurnEquations(spline[1] - spline[0], self._jacobian, self._moved)
+
+    @cached_property
+    def _shapes(self) -> PairShapes:
+        """Skew and stretch of the pairs, as further unknowns."""
+        at = (self._ends.mean(axis=0) - [self.pairs[0].width * self._unit / 2, ROWS / 2]) / (ROWS / 2)
+        gaps = np.diff(self._taken, axis=1)
+        moved = [np.median(pair.end - pair.start, axis=0) if len(pair) else np.zeros(2) for pair in self.pairs]
+        speeds = np.array(moved) * self._unit / gaps
+        return PairShapes.of(at, self._jacobian, self._moved, speeds, self._taken.mean(axis=1))
 
     @property
     def _knots(self) -> int:
@@ -247,32 +272,51 @@ class Problem:
 
     def _solved(self, equations: TurnEquations, stiffness: float, near: Fit | None) -> Fit:
         """Returns the most probable motion for one stiffness, by iteratively reweighted least squares."""
-        prior = stiffness * self._prior + _RIDGE * np.eye(_UNKNOWNS * self._knots)
         weights, noise = self._used.astype(np.float64), np.nan
-        unknowns = near.coefficients.ravel() if near is not None else None
-        left: list[np.ndarray] = []
+        unknowns = None if near is None else near.of_knots(self._knots).ravel()
+        shapes = None
+        solution = None
+        matrix = np.empty_like(self._prior)
         for _ in range(_ROUNDS if near is not None else 2 * _ROUNDS):
             if unknowns is not None:
-                weights, noise = student_weights(self._squared(equations, unknowns), self._used, noise)
-            matrix, right = prior.copy(), np.zeros(_UNKNOWNS * self._knots)
-            normal, moments = equations.normal(weights)
-            for k, place in enumerate(self._places):
-                span = slice(place[0], place[-1] + 1)
-                matrix[span, span] += normal[k]
-                right[span] += moments[k]
-            unknowns, left = solve_banded(matrix, right, _UNKNOWNS * self._local)
+                weights, noise = student_weights(self._squared(equations, unknowns, shapes), self._used, noise)
+            np.multiply(self._prior, stiffness, out=matrix)
+            matrix.flat[:: len(matrix) + 1] += _RIDGE
+            solution = self._solution(equations, weights, matrix)
+            unknowns, shapes = solution.unknowns, solution.shapes
         assert unknowns is not None
-        squared = self._squared(equations, unknowns)[self._used]
+        assert solution is not None
+        squared = self._squared(equations, unknowns, shapes)[self._used]
         likelihood = -2 * len(squared) * np.log(noise)
         likelihood -= (DEGREES + 2) / 2 * np.log1p(squared / (DEGREES * noise**2)).sum()
         free = len(unknowns) - 2 * _UNKNOWNS  # the prior leaves position and speed free
-        evidence = (
-            likelihood - unknowns @ prior @ unknowns / 2 + free * np.log(stiffness) / 2 - log_determinant(left) / 2
-        )
+        bent = stiffness * unknowns @ (self._prior @ unknowns) + _RIDGE * unknowns @ unknowns
+        evidence = likelihood - (bent + solution.cost - free * np.log(stiffness) + log_determinant(solution.left)) / 2
         return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
 
-    def _squared(self, equations: TurnEquations, unknowns: np.ndarray) -> np.ndarray:
+    def _solution(self, equations: TurnEquations, weights: np.ndarray, matrix: np.ndarray) -> Solution:
+        """Solves the linear equations for given weights of the tracks; adds to the matrix, which holds the prior."""
+        right = np.zeros(len(matrix))
+        normal, moments = equations.normal(weights)
+        shapes = None
+        if self.depth is not None:
+            shapes = self._shapes.eliminated(weights, equations.spline, self.depth)
+            normal, moments = normal - shapes.normal(), moments - shapes.right()
+        for k, place in enumerate(self._places):
+            span = slice(place[0], place[-1] + 1)
+            matrix[span, span] += normal[k]
+            right[span] += moments[k]
+        block = _UNKNOWNS * self._local
+        if shapes is not None:
+            return shapes.solved(matrix, right, self._places, block)
+        unknowns, left = solve_banded(matrix, right[:, None], block)
+        return Solution(unknowns[:, 0], left)
+
+    def _squared(self, equations: TurnEquations, unknowns: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
         """[pairs, most] squared distance of each track's end from its predicted position."""
+        if shapes is not None:
+            moved = np.einsum("pmcs,ps->pmc", self._shapes.displacement, shapes)
+            equations = replace(equations, moved=equations.moved - moved)
         return equations.squared(unknowns[self._places].reshape(len(self.pairs), -1, _UNKNOWNS))
 
 

@@ -189,6 +189,8 @@ def _vertex(at: np.ndarray, heights: np.ndarray) -> float:
 
 
 _LEAST_CORNERS = 24  # fewest corners of a usable picture
+# share of a pair's tracks that make it a clear one; clear pairs in a row, after which one that is not may be bridged
+_MOST, _CLEAR_BEFORE = 0.7, 8
 _CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 
 
@@ -224,8 +226,11 @@ class Shot:
     before: int = 0  # number of kept frames that are no longer waiting
     # why the readout ratio could not be estimated; None if it was, or was not attempted
     why_unknown: Reason | None = None
+    # fit of the frames before those waiting, and the time from which its times are counted [frame intervals]
+    fitted: tuple[float, Fit] | None = None
     _last: GreyFrame | None = None
     _next: Background | None = None
+    _clear: int = 0  # number of pairs in a row, the last ones, whose tracks nearly all move with the camera
     _moving: list[bool] = field(default_factory=list)
     _passing: list[bool] = field(default_factory=list)
 
@@ -252,13 +257,16 @@ class Shot:
         if (frame.height, frame.width) != (self._last.height, self._last.width):
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
-        tracks = frame.followed or follow(self._last.grey, frame.grey, lens)
+        tracks = follow(self._last.grey, frame.grey, lens) if frame.followed is None else frame.followed
         self._next = background(tracks, ratio.value if ratio else None)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:
             few = tracks.looked_for < _LEAST_CORNERS
             near_and_far = Code.SCENES_DIFFER if self._next.cut else Code.NO_COMMON_MOTION
             self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else near_and_far)
+            if self._clear >= _CLEAR_BEFORE and not self._next.cut:  # the path is bridged
+                self._next = Background(tracks.only(np.zeros(len(tracks), bool)), joined=True)
+        self._clear = self._clear + 1 if len(self._next.tracks) > _MOST * len(tracks) else 0
         return self._next.joined
 
     def next_shot(self) -> Shot:
@@ -270,7 +278,8 @@ class Shot:
         """Adds the next frame, after :meth:`joins`."""
         if self._last is not None and self._next is not None:
             self.pairs.append(self._next.tracks)
-            self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
+            moves = len(self._next.tracks) > 0 and flow(self._next.tracks) > STILL_PX
+            self._moving.append(not self._next.still and moves)
             self._passing.append(self._next.passing)
             frame.at = self._last.at + frame.after
             self._last.grey = frame.grey[:0]  # no longer needed
@@ -278,6 +287,14 @@ class Shot:
         self.clock_s.append(frame.time_s)
         self.waiting.append(frame)
         self._last = frame
+
+    def fit_before(self) -> Fit | None:
+        """Returns the last fit, for times counted as the next ones are; None if there is none that overlaps."""
+        if self.fitted is None:
+            return None
+        since, fit = self.fitted
+        frames = int(np.floor(self.times[0]) - since)
+        return fit.later(frames) if len(fit.coefficients) > PER_FRAME * frames + 1 else None
 
     def drop(self, many: int, margin: int) -> None:
         """Removes frames from the waiting list, keeping a few of them."""

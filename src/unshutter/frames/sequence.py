@@ -31,14 +31,28 @@ from unshutter.photo.photo import open_photo
 from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code, Reason
 
-_CORE, _MARGIN = 24, 6  # frames of a window whose motion is kept, and extra frames on both sides for stability
+_LONG_ENOUGH = 12  # pairs of frames that tell the focal length of all
 SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
-_STIFFNESS_EVERY = 4  # windows
+# px: standard deviation of the skew and stretch that depth adds to a pair of frames, for a px of speed
+_DEPTH = 0.006
+_STIFFNESS_EVERY = 96  # frames
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
+
+
+@dataclass(frozen=True)
+class Window:
+    """Frames whose motion is estimated together, and of which the middle ones are kept.
+
+    Few frames on both sides let the path swing at the ends of what is kept: neighbouring windows then disagree.
+    """
+
+    core: int = 24  # frames whose motion is kept
+    behind: int = 16  # extra frames before them
+    ahead: int = 16  # extra frames after them
 
 
 @dataclass(eq=False)
@@ -48,8 +62,7 @@ class CameraMotion:
     ratio: ReadoutRatio | None = None  # readout time in frame intervals; None to estimate it from the frames
     focal_px: float | None = None  # focal length [px of the frames]; None to use EXIF's, or estimate it from the frames
     readout: Readout = Readout.TOP_TO_BOTTOM  # direction in which stored pixels were read
-    # number of frames whose motion is found together, and of extra frames on both sides for stability
-    window: tuple[int, int] = (_CORE, _MARGIN)
+    window: Window = Window()  # frames whose motion is found together
     fewest: int = 2  # shots with fewer frames are left unchanged
     # the camera's rotation measured by a gyro, if available; the frames then give the remaining rotation
     turns: KnownTurns | None = None
@@ -60,7 +73,7 @@ class CameraMotion:
     lens: Lens | None = None  # the lens, if it bends straight lines; it tells the focal length
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
-    _windows: int = field(default=0, init=False)
+    _since_search: int = field(default=0, init=False)  # frames since the stiffness was searched for
 
     def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
         """Yields the motion of each frame, in order, some frames after reading it; memory use is constant."""
@@ -106,9 +119,9 @@ class CameraMotion:
             self._find_ratio(shot)
         if self.ratio is None and not ended and waiting < (SEARCHED if shot.still else _PATIENCE):
             return
-        core, margin = self.window
-        while shot.waiting and (ended or len(shot.waiting) >= core + margin):
-            many = len(shot.waiting) if len(shot.waiting) <= core + margin and ended else core
+        core, most = self.window.core, self.window.core + self.window.ahead
+        while shot.waiting and (ended or len(shot.waiting) >= most):
+            many = len(shot.waiting) if len(shot.waiting) <= most and ended else core
             fit, reason = self._fit(shot, many)
             start = np.floor(shot.times[0])
             for frame in shot.waiting[:many]:
@@ -118,7 +131,7 @@ class CameraMotion:
                 tracks = frame.tracks if self.whole_path else None
                 known = self.turns, frame.time_s, frame.after, tracks, self._focal, self.lens
                 yield FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
-            shot.drop(many, margin)
+            shot.drop(many, self.window.behind)
 
     def _find_ratio(self, shot: Shot) -> None:
         shot.why_unknown = None
@@ -140,7 +153,7 @@ class CameraMotion:
 
     def _fit_of_pairs(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """Returns the motion shown by tracks, in addition to a gyro's; or why there is none."""
-        pairs = shot.pairs[: shot.before + many + self.window[1] - 1]
+        pairs = shot.pairs[: shot.before + many + self.window.ahead - 1]
         pairs = [fewer(pair if self.keep_out is None else pair.split(self.keep_out)[0]) for pair in pairs]
         if not pairs:
             return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
@@ -153,18 +166,21 @@ class CameraMotion:
         if focal is None and reason is not None:
             focal = usual_focal(pairs[0])
         if focal is None:
-            long_enough = len(pairs) >= _CORE // 2
+            long_enough = len(pairs) >= _LONG_ENOUGH
             focal = focal_from_motion(pairs, self.ratio.value)
             self._focal = focal if long_enough else None
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
         if self.turns is not None:
             moments = pairwise(shot.clock_s)
             pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
-        problem = Problem(pairs, focal, starts)
-        likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)))
+        problem = Problem(pairs, focal, starts, _DEPTH)
+        likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)), shot.fit_before())
         fit = steady(likeliest, problem, self.ratio.value)
+        shot.fitted = np.floor(shot.times[0]), likeliest
         if reason is None:  # what one window needs to be steady is not carried over to the next
-            self._stiffness, self._windows = likeliest.stiffness, self._windows + 1
+            searched = self._stiffness is None or self._since_search >= _STIFFNESS_EVERY
+            self._since_search = many if searched else self._since_search + many
+            self._stiffness = likeliest.stiffness
         if fit.noise_px > _TOO_NOISY_PX:
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason
@@ -179,10 +195,10 @@ class CameraMotion:
         return None
 
     def _stiffness_for(self, pairs: int) -> float | None:
-        """Returns a known stiffness, or None to search for it, which is slow and so done once in a few windows."""
+        """Returns a known stiffness, or None to search for it, which is slow and so done once in a while."""
         if pairs < _FEW_PAIRS:
             return _EVEN
-        return None if self._windows % _STIFFNESS_EVERY == 0 else self._stiffness
+        return None if self._since_search >= _STIFFNESS_EVERY else self._stiffness
 
 
 # ---- for users ---------------------------------------------------------------------------------------------------

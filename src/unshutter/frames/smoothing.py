@@ -44,8 +44,8 @@ def roughness(knots: int, order: int = 2) -> Float64[np.ndarray, "knots knots"]:
 
 
 def solve_banded(
-    matrix: Float64[np.ndarray, "n n"], right: Float64[np.ndarray, "n"], block: int
-) -> tuple[Float64[np.ndarray, "n"], list[Float64[np.ndarray, "k k"]]]:
+    matrix: Float64[np.ndarray, "n n"], right: Float64[np.ndarray, "n columns"], block: int
+) -> tuple[Float64[np.ndarray, "n columns"], list[Float64[np.ndarray, "k k"]]]:
     """Solves a symmetric, positive definite system that is zero beyond a band, block by block.
 
     Args:
@@ -61,9 +61,9 @@ def solve_banded(
     for part, following in zip(parts, [*parts[1:], slice(n, n)], strict=True):
         above = matrix[part, following]
         left.append(matrix[part, part] if not left else matrix[part, part] - matrix[before, part].T @ solved[-1])
-        every = np.linalg.solve(left[-1], np.concatenate([above, x[part, None]], axis=1))
-        solved.append(every[:, :-1])
-        x[part] = every[:, -1]
+        every = np.linalg.solve(left[-1], np.concatenate([above, x[part]], axis=1))
+        solved.append(every[:, : above.shape[1]])
+        x[part] = every[:, above.shape[1] :]
         x[following] -= above.T @ x[part]
         before = part
     for part, following, share in zip(parts[-2::-1], parts[:0:-1], solved[-2::-1], strict=True):

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 
 _WHOLE = 0.03  # of a frame interval: times this close to even ones are taken as even
+_NO_TIME = 0.05  # frame intervals: no camera takes frames so fast after one another
 _LONGEST_GAP = 4  # frame intervals; frames farther apart are not neighbours
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
 _LEAD_S = 10.0  # s within which files without an index have a key frame
@@ -127,13 +128,18 @@ class ClipFacts:
         return min(frames, max(1, int(_AHEAD_BYTES / self.frame_bytes)))
 
     def since(self, before: VideoFrame | None, frame: VideoFrame) -> float | None:
-        """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours."""
+        """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours.
+
+        Times that hardly increase are wrong: such frames are taken as one interval apart.
+        """
         if before is None or before.time is None or frame.time is None:
             return 1.0
         tick = float(frame.time_base or 0) / self.interval_s
         gap = (frame.time - before.time) / self.interval_s
         if abs(gap - round(gap)) <= max(_WHOLE, 1.01 * tick) and round(gap) > 0:
             gap = float(round(gap))
+        if gap < _NO_TIME:
+            return 1.0
         return gap if 0.2 < gap <= _LONGEST_GAP else None
 
     def check_whole(self) -> None:

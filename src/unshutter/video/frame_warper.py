@@ -23,7 +23,7 @@ from unshutter.frames.frame_motion import AT_REST, FrameMotion, Step, Timing
 from unshutter.frames.neighbours import Link, copy_side, link, motion_field
 from unshutter.frames.pyav import av
 from unshutter.frames.self_calibration import GreyFrame
-from unshutter.frames.sequence import CameraMotion
+from unshutter.frames.sequence import CameraMotion, Window
 from unshutter.motion import Motion, RotationMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.grid import EdgePolicy, Tile, valid_window
@@ -47,9 +47,9 @@ GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
 COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
 FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
 _FADED = 5  # frames, over which the correction of a clip fades where no motion is found
-_MARGIN = 4  # extra frames on both sides of a window, for stability
-_CORE = (4, 24)  # fewest and most frames of a window
-_IN_MEMORY = 60_000_000  # bytes of frames awaiting their motion
+_WAITING = (8, 40)  # fewest and most frames awaiting their motion: those of a window, and of its margin ahead
+_AHEAD = 4  # fewest frames of a margin
+_IN_MEMORY = 72_000_000  # bytes of frames awaiting their motion
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,11 @@ class MovingFrame:
         return self.found.motion
 
 
-def window_for(size: float) -> tuple[int, int]:
-    """Returns the window and margin [frames] for estimating motion that memory allows for a frame size [bytes]."""
-    return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
+def window_for(size: float) -> Window:
+    """Returns the window for estimating motion that memory allows for a frame size [bytes]."""
+    waiting = int(min(max(_IN_MEMORY / size, _WAITING[0]), _WAITING[1]))
+    ahead = min(Window.ahead, max(2 * waiting // 5, _AHEAD))
+    return Window(core=waiting - ahead, ahead=ahead)
 
 
 def camera_motion(
