@@ -8,7 +8,7 @@ Everything listed here is public; the modules that hold it are not.
 
 One photo       rectify -> Rectified, estimate -> Finding, candidates -> Candidate, Photo, DrawnLine
 Frames          rectify_frames -> RectifiedFrame, estimate_frames -> Finding
-Clips           rectify_clip -> ClipOutcome, rectify_clip_frames -> arrays
+Clips           rectify_clip -> ClipOutcome, rectify_clip_frames -> arrays, measure_clips -> ClipMeasurement
 3D models       camera_poses -> CameraPoses, which has PicturePoses
 Motions         Motion: RowMotion, RotationMotion; Readout; Finding, what is known of one
 Methods         load -> Estimator, which gets a View; Method
@@ -36,12 +36,14 @@ if TYPE_CHECKING:
     from unshutter.single.estimator import Estimator, View
     from unshutter.single.register import load
     from unshutter.video.clip_functions import rectify_clip, rectify_clip_frames
+    from unshutter.video.measurement import ClipMeasurement, measure_clips
     from unshutter.video.outcome import ClipOutcome
 
 
 __all__ = [
     "CameraPoses",
     "Candidate",
+    "ClipMeasurement",
     "ClipOutcome",
     "DrawnLine",
     "Estimator",
@@ -65,6 +67,7 @@ __all__ = [
     "estimate",
     "estimate_frames",
     "load",
+    "measure_clips",
     "rectify",
     "rectify_clip",
     "rectify_clip_frames",
@@ -87,6 +90,7 @@ _HOMES = {
     "single.estimator": ("Estimator", "View"),
     "single.register": ("load",),
     "video.clip_functions": ("rectify_clip", "rectify_clip_frames"),
+    "video.measurement": ("ClipMeasurement", "measure_clips"),
     "video.outcome": ("ClipOutcome",),
 }
 

@@ -64,6 +64,9 @@ class ReadoutTime:
     plausible_s: tuple[float, float] | None = None  # least and greatest plausible time [s]; None if the time is known
     instead_of: Reason | None = None  # why a clip does not reveal its own time, if a usual one was used
     declined: Reason | None = None  # why a clip's frames must not be straightened with it; None if they may
+    shown_s: float | None = (
+        None  # what the clip's frames show for certain, if that differs; below 0: from the bottom [s]
+    )
 
     @classmethod
     def of_ms(
@@ -108,6 +111,7 @@ class ReadoutTime:
             "plausible_s": self.plausible_s,
             "instead_of": self.instead_of and self.instead_of.as_json(),
             "declined": self.declined and self.declined.as_json(),
+            "shown_s": self.shown_s,
         }
 
     @classmethod
@@ -121,4 +125,5 @@ class ReadoutTime:
             plausible_s=data["plausible_s"] and (data["plausible_s"][0], data["plausible_s"][1]),
             instead_of=data["instead_of"] and Reason.from_json(data["instead_of"]),
             declined=data["declined"] and Reason.from_json(data["declined"]),
+            shown_s=data.get("shown_s"),
         )

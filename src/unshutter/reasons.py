@@ -101,6 +101,16 @@ class Code(Worded):
         "no-gain",
         "undoing the motion hardly helps: wobble of {before:.2f} px before, {after:.2f} px after",
     )
+    LEANS_OTHERWISE = (
+        "leans-otherwise",
+        "frames do not lean as the camera's speed says (correlation {correlation:.2f}): the readout time is wrong, or "
+        "more moves than the camera",
+    )
+    READ_AT_ONCE = (
+        "read-at-once",
+        "its frames show no rolling shutter: all rows were exposed at once, or the camera corrected them",
+    )
+    NO_WOBBLE = "no-wobble", "its frames do not show that their rows were read one after another"
     HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
     ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"
     NO_COMMON_MOTION = "no-common-motion", "near and far move too differently for one motion of the camera"

@@ -14,7 +14,7 @@ from unshutter.video import cameras
 from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip import ClipRequest, look
-from unshutter.video.gain import Gain, gain_of_clip
+from unshutter.video.gain import RUN, RUNS, Gain, gain_of_clip
 from unshutter.video.survey import survey
 
 FRAMES, LONG = 24, 140
@@ -101,7 +101,7 @@ def test_a_strength_other_than_asked_of_the_clip_is_obeyed(run, strength):
     assert not [each for each in record["declined"] if each["code"] in (Code.NO_GAIN, Code.NO_VISIBLE_DISTORTION)]
 
 
-@pytest.mark.parametrize(("kind", "examined"), [("distorted", 4 * 16), ("global shutter", LONG)])
+@pytest.mark.parametrize(("kind", "examined"), [("distorted", RUNS * RUN), ("global shutter", LONG)])
 def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path, kind, examined):
     camera, greys = clips.moving(LONG, clips.shaken(6.0))
     greys = greys if kind == "distorted" else clips.truth(camera)

@@ -60,6 +60,7 @@ def _stop(number: int, _frame: object) -> None:
 COMMANDS = {
     "rectify": "photo_commands:RECTIFY",
     "video": "clip_command:COMMAND",
+    "measure": "measure_command:COMMAND",
     "cameras": "other_commands:CAMERAS",
     "estimate": "photo_commands:ESTIMATE",
     "map": "other_commands:MAP",

@@ -114,7 +114,8 @@ def _line_of(time: ReadoutTime) -> str:
         return f"unshutter: {time.instead_of}: {usual}; to set it: --readout-ms"
     if time.source.is_measured:
         return f"unshutter: readout time {ms:.1f} +- {time.error_ms:.1f} ms (--readout-ms {ms:.1f})"
-    return f"unshutter: readout time {ms:.1f} ms, from {time.source} ({time.camera})"
+    unlike = "" if time.shown_s is None else f"; but the frames show {1000 * time.shown_s:.1f} ms"
+    return f"unshutter: readout time {ms:.1f} ms, from {time.source} ({time.camera}){unlike}"
 
 
 def _rate_line(before: float, after: float, encode: Encode) -> str:
@@ -147,6 +148,8 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if outcome.stabilisation is not None:
         yield _steady_line(outcome.stabilisation)
     yield from _ways_to_straighten(outcome)
+    if outcome.direction is not None:
+        yield f"unshutter: the frames show that they were read {outcome.direction} (--readout {outcome.direction})"
     if outcome.lens is not None and (outcome.rectified or outcome.straight_degrees):
         now = f"; straight now, {outcome.straight_degrees:.0f} degrees" if outcome.straight_degrees else ""
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""

@@ -176,6 +176,27 @@ class Encode:
 
 
 @dataclass(frozen=True)
+class MeasureClips:
+    """Which part of clips to measure, and whether together."""
+
+    one_camera: bool = option(
+        False, "The clips are from one camera in one mode: measure them together, too, which is more exact."
+    )
+    start: float | None = option(None, "Start at this second of each clip.", metavar="SECONDS")
+    end: float | None = option(None, "Stop at this second of each clip.", metavar="SECONDS")
+
+    def __post_init__(self) -> None:
+        _check_span(self.start, self.end)
+
+
+def _check_span(start: float | None, end: float | None) -> None:
+    """Raises UsageError if a part of a clip ends before it begins."""
+    first, last = start or 0.0, math.inf if end is None else end
+    if not 0 <= first < _LONGEST_S or not (last > first and (end is None or last < _LONGEST_S)):
+        raise UsageError("{--start} must be 0 or later, and {--end} after it, in seconds")
+
+
+@dataclass(frozen=True)
 class RectifyClip:
     """Which part of the clip, which motion, and what else to write."""
 
@@ -234,9 +255,7 @@ class RectifyClip:
             )
         if self.steadiness.level and self.shutter.gyro == GYRO_OFF:
             raise UsageError("{--level} needs the clip's gyro log: leave out {--gyro} off")
-        start, end = self.start or 0.0, math.inf if self.end is None else self.end
-        if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
-            raise UsageError("{--start} must be 0 or later, and {--end} after it, in seconds")
+        _check_span(self.start, self.end)
         if self.max_pixels < 1:
             raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
 

@@ -16,16 +16,22 @@ import numpy as np
 from unshutter.errors import UnknownRatioError
 from unshutter.motion.lens import Lens
 from unshutter.options import check_focal
+from unshutter.orientation import Readout
 from unshutter.progress import Steps
-from unshutter.readout_time import ReadoutTime
+from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video import cameras, clip_gyro, gain, lenses, readout
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import ClipGyro, gyro_in_survey
 from unshutter.video.gyro_log import GyroLog
 from unshutter.video.lenses import lens_of_clip
-from unshutter.video.readout import time_in_survey
+from unshutter.video.readout import regression_in_survey, time_in_survey
+from unshutter.video.readout_regression import Regression
 from unshutter.video.survey import Survey, survey
+
+_LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
+_UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
+_WOULD_SHOW = 0.15  # error of a ratio that tells whether another one is possible
 
 _Parts = Sequence[tuple[float | None, float | None]]
 
@@ -37,15 +43,19 @@ class ClipCamera:
     readout: ReadoutTime
     lens: Lens | None = None  # its lens, if it bends straight lines
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
+    direction: Readout | None = None  # in which the stored pixels were read, if the frames show another than usual
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the readout time and the lens, ready for JSON, as read by :meth:`from_json`."""
-        return {"readout": self.readout.as_json(), "lens": self.lens and self.lens.as_json()}
+        """Returns the readout time, the lens and the direction, ready for JSON, as read by :meth:`from_json`."""
+        lens = self.lens and self.lens.as_json()
+        return {"readout": self.readout.as_json(), "lens": lens, "direction": self.direction}
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> ClipCamera:
         """Reads the data written by :meth:`as_json`."""
-        return cls(ReadoutTime.from_json(data["readout"]), data["lens"] and Lens.of_json(data["lens"]))
+        lens = data["lens"] and Lens.of_json(data["lens"])
+        direction = data.get("direction") and Readout(data["direction"])
+        return cls(ReadoutTime.from_json(data["readout"]), lens, direction=direction)
 
 
 def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipCamera, Survey]:
@@ -67,8 +77,26 @@ def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[
         rounds = 2 if what == SEARCH else 1  # tracking takes half of the time of a search
         steps = Steps(what, rounds * _frames_in(request, parts_s), request.observer.note_progress)
         evidence = survey(request, parts_s, steps)
+    direction = _other_direction(request, evidence) if found is None else None
+    if direction is not None:
+        shutter = replace(request.options.shutter, readout=direction)
+        request = replace(request, options=replace(request.options, shutter=shutter), readout=direction)
+        camera, evidence = find_camera(request)
+        return replace(camera, direction=direction), evidence
     camera = camera_from(request, evidence, log, found, steps)
     return camera, evidence.through(camera.lens)
+
+
+def _other_direction(request: ClipRequest, evidence: Survey) -> Readout | None:
+    """Returns the direction in which a clip's frames were read, if they show another than usual for certain."""
+    if request.options.shutter.readout != "auto":
+        return None
+    shown = regression_in_survey(evidence)
+    if shown is None:
+        return None
+    if shown.is_turned:
+        return Readout.LEFT_TO_RIGHT if shown.columns.ratio > 0 else Readout.RIGHT_TO_LEFT
+    return Readout.BOTTOM_TO_TOP if shown.is_sure and shown.rows.ratio < 0 else None
 
 
 def camera_from(
@@ -109,12 +137,43 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, step
     if stabilised is None and (gyro is None or gyro.turns is None) and clip.camera.is_stabilised:
         stabilised = Reason(Code.STABILISED_IN_CAMERA)
     listed = _listed_time(request) if stabilised is None else None
+    shown = regression_in_survey(evidence)
     if listed is not None and listed.plausible_s is None:
-        return listed
+        return _compared(listed, shown, clip.interval_s)
+    if shown is not None and (shown.is_sure or shown.is_likely) and 0 < shown.rows.ratio < _LONGEST:
+        return shown.readout.seconds(clip.interval_s)
+    if shown is not None and shown.is_none:
+        reason = Reason(Code.READ_AT_ONCE)
+        return replace(listed or usual_time(request), instead_of=reason, declined=stabilised or reason)
+    if shown is not None and shown.is_likely and shown.rows.ratio < 0:  # the other way, but that is not certain
+        reason = Reason(Code.NO_WOBBLE)
+        return replace(listed or usual_time(request), instead_of=reason, declined=stabilised or reason)
     try:
-        return time_in_survey(request, evidence, steps)
+        time = time_in_survey(request, evidence, steps)
+        _check_agreement(time.ratio(clip.interval_s), shown)
+        return time
     except UnknownRatioError as error:
-        return replace(listed or usual_time(request), instead_of=error.reason, declined=stabilised)
+        unseen = shown is not None and shown.says_nothing_for_it and listed is None
+        declined = stabilised or (Reason(Code.NO_WOBBLE) if unseen else None)
+        return replace(listed or usual_time(request), instead_of=error.reason, declined=declined)
+
+
+def _check_agreement(found: ReadoutRatio, shown: Regression | None) -> None:
+    """Raises UnknownRatioError if a regression that could show such a ratio shows another one."""
+    if shown is None or shown.error > _WOULD_SHOW:
+        return
+    if abs(found.value - shown.rows.ratio) > _FAR * float(np.hypot(found.error, shown.error)):
+        ratios = f"{found.value:.2f}, {shown.rows.ratio:.2f}"
+        raise UnknownRatioError.because(Reason.of(Code.PARTS_DISAGREE, ratios=ratios)).of_clip()
+
+
+def _compared(time: ReadoutTime, shown: Regression | None, interval_s: float) -> ReadoutTime:
+    """Returns a time that a clip's file states or a table lists, with what its frames show if that differs."""
+    if shown is None or not (shown.is_sure or shown.is_none):
+        return time
+    shown_s = shown.rows.ratio * interval_s
+    unlike = abs(shown_s - time.seconds) > max(_UNLIKE * time.seconds, _FAR * shown.error * interval_s)
+    return replace(time, shown_s=shown_s) if unlike else time
 
 
 def _listed_time(request: ClipRequest) -> ReadoutTime | None:
@@ -160,7 +219,7 @@ def parts_to_survey(
     if stated is None and gain.is_tested(request.options):
         if _frames_in(request, [request.span]) <= gain.ALL:
             return [(request.options.start, request.options.end)], GAIN
-        return _spread(request, [lenses.FIRST, *[gain.RUN] * (gain.RUNS - 1)]), GAIN
+        return _spread(request, [gain.RUN] * gain.RUNS), GAIN
     if found is None and shutter.lens is None and shutter.focal_px is None:
         return _spread(request, [lenses.FIRST, *[lenses.PART] * lenses.FURTHER]), LENS
     return [], GAIN

@@ -86,6 +86,7 @@ def rectify_clip_file(
         lens=request.lens,
         lens_degrees=None if request.lens is None else request.lens.degrees(aspect),
         straight_degrees=None if straight is None else straight.degrees(aspect),
+        direction=camera.direction,
     )
     if options.preview is not None and outcome.written:
         film_file.write_preview(options.preview, clip, str(target), options.start, outcome.frames, options.overwrite)

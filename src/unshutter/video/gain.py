@@ -23,13 +23,15 @@ from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
+from unshutter.video.frame_steps import FOLLOWS, FrameSteps
 from unshutter.video.frame_warper import camera_motion, small_finding
 from unshutter.video.gyro_fit import GyroTurns
+from unshutter.video.readout_regression import PairMotion
 from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
 
 _KEPT_OUT = 4  # every fourth track
-RUNS, RUN = 4, 16  # series of frames spread over a clip that are examined first, and frames of each
-ALL = 2 * RUNS * RUN  # frames: of a clip that has no more, all are examined
+RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
+ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
 _FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
@@ -37,6 +39,7 @@ _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
 _SURE, SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
 _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
 _PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
+_SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
 _ROUNDS = 4  # of reweighting
 
 
@@ -54,6 +57,7 @@ class Gain:
     gains: list[float] = field(default_factory=list)
     # [pairs] what is left before and after: root mean square of 90 % of the tracks [px of 1080 rows]
     wobble_px: list[tuple[float, float]] = field(default_factory=list)
+    steps: FrameSteps = field(default_factory=FrameSteps)  # how the frames follow each other
     # [pairs] change of the displacement between the two frames, and largest displacement [px of 1080 rows]
     _changes_px: list[tuple[float, float]] = field(default_factory=list)
 
@@ -74,6 +78,12 @@ class Gain:
             return self.reasons.most_common(1)[0][0] if self.reasons else None
         if 2 * len(self.displaced_px) >= self.frames and not is_visible(self.displaced_px):
             return Reason(Code.NO_VISIBLE_DISTORTION)
+        if self.steps.follow < FOLLOWS:
+            return Reason.of(Code.LEANS_OTHERWISE, correlation=round(self.steps.follow, 2))
+        sizes = self.steps.sizes
+        if sizes is not None and sizes[1].is_worse_than(sizes[0], _SLACK_PX * self.steps.rows / TALL):
+            own = self.short_side / self.steps.rows  # px of the clip for each of the copies
+            return Reason.of(Code.NO_GAIN, before=round(own * sizes[0].rms, 3), after=round(own * sizes[1].rms, 3))
         if len(self.gains) < _FEW:
             return None
         gain, error = self.gain
@@ -94,7 +104,9 @@ class Gain:
         if now.reason is None or now.reason.code in AT_REST:
             self.displaced_px.append(float(np.abs(now.grid).max()))
         if before is None or before.shot != motion.shot or motion.tracks is None:
+            self.steps.add(None, None, now.lean)
             return
+        self._add_step(_Undone.of(before, undo), now, motion.tracks)
         was, tracks = _Undone.of(before, undo), motion.tracks.split(_KEPT_OUT)[1]
         if len(tracks) < _FEWEST or (now.reason and was.reason):
             return
@@ -105,6 +117,12 @@ class Gain:
         self.wobble_px.append((wobble(tracks, focal), wobble(undone, focal)))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
         self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+
+    def _add_step(self, was: _Undone, now: _Undone, tracks: Tracks) -> None:
+        """Adds a frame to those whose steps are compared."""
+        undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
+        self.steps.rows = min(tracks.height, tracks.width)
+        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean * tracks.height)
 
 
 def wobble(tracks: Tracks, focal_px: float) -> float:
@@ -172,6 +190,16 @@ class _Undone:
         grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
         reason = (found.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
         return cls(undone, reason, np.nan_to_num(grid) * min(TALL, *size) / min(small.height, small.width))
+
+    @property
+    def lean(self) -> Float64[np.ndarray, "2"]:
+        """How far the last row was displaced against the first, half of it (across, down) [heights of the frame]."""
+        if self.reason is not None:
+            return np.zeros(2)
+        middle = (self.motion.width - 1) / 2
+        ends = np.array([[middle, 0.0], [middle, self.motion.height - 1.0]])
+        moved = np.stack(self.motion.rs_to_gs(*ends.T), axis=-1) - ends
+        return (moved[0] - moved[1]) / 2 / self.motion.height
 
     def seen(self, points: Float64[np.ndarray, "tracks 2"], tracks: Tracks) -> Float64[np.ndarray, "tracks 2"]:
         """Returns where points of the tracked copy lie once the motion is undone."""

@@ -14,6 +14,7 @@ import numpy as np
 from unshutter.export import plot_turns
 from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
+from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.frame_warper import MovingFrame
@@ -77,6 +78,7 @@ class ClipOutcome:
         lens: the lens, if it bends straight lines.
         lens_degrees: its field of view, from corner to corner of a frame [degrees].
         straight_degrees: that of the new clip, if lines were straightened; otherwise None.
+        direction: in which the stored pixels were read, if the frames show another than usual; otherwise None.
     """
 
     source: str
@@ -98,6 +100,7 @@ class ClipOutcome:
     lens: Lens | None = None
     lens_degrees: float | None = None
     straight_degrees: float | None = None
+    direction: Readout | None = None
 
     @property
     def unchanged(self) -> dict[str, int]:
@@ -147,6 +150,8 @@ class ClipOutcome:
             **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
             **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),
             **({} if plausible is None else {"plausible_ms": list(plausible)}),
+            **({} if self.direction is None else {"readout": self.direction}),
+            **({} if self.readout.shown_s is None else {"shown_ms": 1000 * self.readout.shown_s}),
         }
 
     def plot(self, path: Path, overwrite: bool) -> None:

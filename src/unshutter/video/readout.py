@@ -1,11 +1,12 @@
-"""Determines the readout time of a clip from its frames, in parts of the clip that must agree; and whether it matters:
-a bound on the distortion that frames can show.
+"""Determines the readout time of a clip from its frames: by regression (readout_regression.py) or, where that is not
+sure, from how smoothly the camera moved in parts of the clip that must agree. And whether it matters: a bound on the
+distortion that frames can show.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,12 +14,13 @@ import numpy as np
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import focal_from_motion, ratio_from_motion
-from unshutter.frames.tracks import Tracks
+from unshutter.frames.tracks import Tracks, straightened
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
+from unshutter.video.readout_regression import PairMotion, Regression, Run, regression, runs_of
 from unshutter.video.survey import Survey, TrackedFrame
 
 PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
@@ -31,8 +33,33 @@ _LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more
 _ROUNDING_PX = 0.05
 
 
+def regression_in_survey(evidence: Survey) -> Regression | None:
+    """Returns the readout ratio that the regression of all tracked frames shows, or None if they are too few."""
+    return regression(runs_in_survey(evidence))
+
+
+def runs_in_survey(evidence: Survey) -> list[Run]:
+    """Returns the pairs of consecutive frames whose motion is known."""
+    runs: list[Run] = []
+    for part in evidence.parts:
+        for frame in part[1:2]:
+            if frame.tracks is not None:
+                aspect = frame.tracks.height / frame.tracks.width
+                runs += runs_of([(_motion_of_pair(each), each.since) for each in part[1:]], aspect)
+    return runs
+
+
+def _motion_of_pair(frame: TrackedFrame) -> PairMotion | None:
+    plane = frame.background
+    if plane is None or not plane.joined:
+        return None
+    tracks = plane.tracks
+    start, end = straightened(tracks.start, tracks), straightened(tracks.end, tracks)
+    return PairMotion.of(replace(tracks, start=start, end=end))
+
+
 def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None = None) -> ReadoutTime:
-    """Estimates the readout time of a clip's camera from tracked frames; raises UnknownRatioError if they do not tell.
+    """Searches for the readout time of a clip's camera in tracked frames; raises UnknownRatioError if they do not tell.
 
     Args:
         steps: counts the frames of each part as its time is estimated.

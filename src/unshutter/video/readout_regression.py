@@ -1,0 +1,288 @@
+"""Readout time and direction of a clip by regression: how skewed and stretched each frame is against the previous one.
+
+Row y of frame k, counted from the middle of H rows, is exposed at k + r y / H, where r is the readout ratio. If the
+picture moves along a path X(t), then rows move differently from frame to frame, by (r / H) (X'(k+1) - X'(k)) a row. Of
+an affine motion d = c + A p between two frames,
+
+    skew = A_xy + A_yx    and    stretch = A_yy - A_xx
+
+are zero whatever a global shutter sees of turning, rolling and zooming. So skew follows r / H times the change of the
+speed across, and stretch that of the speed down. The changes are those of a cubic spline through the path; depth makes
+skew and stretch follow the speed itself, so that speeds are further unknowns of the regression. It is robust, and its
+standard errors allow for errors that are correlated over some frames. A negative r means that rows were read from the
+bottom to the top.
+
+There are two controls. The change of speed some frames earlier or later must explain nothing: where it does, the
+standard error is too small by that much. And columns in place of rows must explain nothing, unless the picture was
+turned by 90 degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from unshutter.frames.tracks import Tracks
+from unshutter.motion.shapes import Bool, Float64
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
+
+_FEWEST_TRACKS = 30  # of a pair of frames
+_LEAST_SPREAD = 0.5  # of their rows, as a share of the height
+_REPEATED_PX = 0.01  # a picture that moves by less is a copy
+_SHORTEST_RUN = 7  # pairs in a row: fewer have no path
+_END = 2  # pairs at both ends of a run that are left out: a spline's ends are unsure
+FEWEST_PAIRS = 15  # of a regression
+_LAG = 3  # pairs over which errors may be correlated
+_SHIFTS = (-17, -13, -11, -9, -7, 7, 9, 11, 13, 17)  # frames, of the first control
+_UNEVEN = 0.6  # intervals: pairs whose frames are farther apart than usual by this are left out
+_ROUNDS = 8  # of reweighting
+_SURE, _NONE = 6.0, 0.05  # t above which a readout is certain; ratio below which there is none
+_NONE_ERROR = 0.02  # largest standard error of a ratio that is none
+# t above which a ratio is likely, and the largest error that it may have; error at which any readout would show
+_LIKELY, _LIKELY_ERROR, _WOULD_SHOW = 3.0, 0.1, 0.15
+
+
+@dataclass(frozen=True)
+class PairMotion:
+    """Motion of the picture between two frames, by its tracks."""
+
+    shift: Float64[np.ndarray, "2"]  # of the middle of the picture, (across, down) [px]
+    shape: Float64[np.ndarray, "2"]  # (skew, stretch) [px at half the height]
+
+    @property
+    def moved(self) -> bool:
+        """Whether the second frame is another one than the first: encoders repeat frames to fill gaps."""
+        return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _REPEATED_PX
+
+    @classmethod
+    def of(cls, tracks: Tracks) -> PairMotion | None:
+        """Returns the motion that most tracks support, or None if they are too few, or all in a narrow strip."""
+        start, moved = tracks.start, tracks.end - tracks.start
+        half = (tracks.height - 1) / 2
+        if len(start) < _FEWEST_TRACKS or np.ptp(start[:, 1]) < 2 * _LEAST_SPREAD * half:
+            return None
+        x, y = ((start - [(tracks.width - 1) / 2, half]) / half).T
+        none, one = np.zeros_like(x), np.ones_like(x)
+        across = np.stack([one, x, y, none, none, none, x * x, x * y], axis=1)
+        down = np.stack([none, none, none, one, x, y, x * y, y * y], axis=1)
+        rows = np.stack([across, down], axis=1)  # [tracks, 2, 8]
+        weights = np.ones(len(start))
+        unknowns = np.zeros(8)
+        for _ in range(_ROUNDS):
+            weighted = rows * weights[:, None, None]
+            normal = np.einsum("nci,ncj->ij", weighted, rows)
+            unknowns = np.linalg.lstsq(normal, np.einsum("nci,nc->i", weighted, moved), rcond=None)[0]
+            squared = np.square(moved - rows @ unknowns).sum(axis=1)
+            scale = max(1.4826**2 * float(np.median(squared)) / 1.4, 1e-5)
+            weights = 1 / (1 + squared / (4 * scale)) ** 2
+        return cls(unknowns[[0, 3]], np.array([unknowns[2] + unknowns[4], unknowns[5] - unknowns[1]]))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Pairs of consecutive frames whose motions are known."""
+
+    shifts: Float64[np.ndarray, "pairs 2"]  # shift of each pair, per frame interval [px]
+    shapes: Float64[np.ndarray, "pairs 2"]  # skew and stretch of each [px at half the height]
+    changes: Float64[np.ndarray, "pairs 2"]  # change of the speed from its first to its second frame [px per interval]
+    used: Bool[np.ndarray, "pairs"]  # pairs that count
+    aspect: float  # height of a frame / width
+
+    @classmethod
+    def of(cls, pairs: Sequence[PairMotion], gaps: Sequence[float], aspect: float) -> Run:
+        """Returns the run of some pairs; gaps are the times between their frames [usual frame intervals]."""
+        shifts = np.array([pair.shift for pair in pairs])
+        between = np.asarray(gaps, np.float64)
+        path = np.concatenate([np.zeros((1, 2)), np.cumsum(shifts, axis=0)])
+        speed = spline_slopes(np.concatenate([[0.0], np.cumsum(between)]), path)
+        used = np.abs(between - np.median(between)) < _UNEVEN
+        used[:_END] = False
+        used[-_END:] = False
+        shapes = np.array([pair.shape for pair in pairs])
+        return cls(shifts / between[:, None], shapes, np.diff(speed, axis=0), used, aspect)
+
+
+def runs_of(pairs: Iterable[tuple[PairMotion | None, float | None]], aspect: float) -> list[Run]:
+    """Returns the runs in a series of pairs.
+
+    Args:
+        pairs: motion of each pair, None if it is unknown; and the time between its frames [usual frame intervals], None
+            if they are not neighbours.
+        aspect: height of a frame / width.
+    """
+    runs: list[Run] = []
+    motions: list[PairMotion] = []
+    gaps: list[float] = []
+    repeated = 0.0  # intervals since the last frame that is no copy of the one before it
+    for motion, gap in [*pairs, (None, None)]:
+        if motion is not None and gap is not None:
+            if not motion.moved:
+                repeated += gap
+                continue
+            motions.append(motion)
+            gaps.append(gap + repeated)
+            repeated = 0.0
+            continue
+        if len(motions) >= _SHORTEST_RUN:
+            runs.append(Run.of(motions, gaps, aspect))
+        motions, gaps, repeated = [], [], 0.0
+    return runs
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A ratio found by regression."""
+
+    ratio: float
+    error: float  # its standard error
+
+    @property
+    def t(self) -> float:
+        """The ratio in units of its standard error."""
+        return self.ratio / self.error
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Readout ratio of a clip, by regression."""
+
+    rows: Estimate  # read one after another, from the top; negative: from the bottom
+    columns: Estimate  # read one after another, from the left; negative: from the right
+    spread: float  # scatter of t where the path is shifted in time; 1 where errors are as large as they seem
+    pairs: int  # pairs of frames that count
+    wobble_px: float  # root mean square of what the ratio explains from frame to frame, at the top and bottom rows [px]
+
+    @property
+    def error(self) -> float:
+        """Standard error of the ratio, as large as the shifted paths say."""
+        return self.rows.error * max(1.0, self.spread)
+
+    @property
+    def t(self) -> float:
+        """The ratio in units of that error."""
+        return self.rows.ratio / self.error
+
+    @property
+    def readout(self) -> ReadoutRatio:
+        """The ratio of a clip that was read from the top to the bottom."""
+        return ReadoutRatio(min(self.rows.ratio, 1.0), self.error, ReadoutSource.FRAMES)
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is certain that rows were read one after another, and how fast."""
+        return abs(self.t) > _SURE and abs(self.columns.t) < abs(self.rows.t)
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether rows were probably read one after another, about as fast as the ratio says."""
+        quiet = abs(self.columns.t) < abs(self.rows.t) / 2
+        return abs(self.t) > _LIKELY and self.error < _LIKELY_ERROR and quiet
+
+    @property
+    def is_none(self) -> bool:
+        """Whether it is certain that all rows were exposed at once, or look as if they had been."""
+        return abs(self.rows.ratio) < _NONE and self.error < _NONE_ERROR
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether columns were read one after another: the picture was turned by 90 degrees."""
+        t = self.columns.t / max(1.0, self.spread)
+        return abs(t) > _SURE and abs(self.columns.t) > 2 * abs(self.rows.t)
+
+    @property
+    def says_nothing_for_it(self) -> bool:
+        """Whether the clip would show a rolling shutter by now, if it had one."""
+        return abs(self.t) < _LIKELY and self.error < _WOULD_SHOW
+
+
+def regression(runs: Sequence[Run]) -> Regression | None:
+    """Returns the readout ratio that the pairs of some runs show, or None if they are too few."""
+    pairs = int(sum(run.used.sum() for run in runs))
+    if pairs < FEWEST_PAIRS:
+        return None
+    rows, explained = _of_rows(runs)
+    columns, _ = _of_rows([_turned(run) for run in runs])
+    shifted = [_of_rows(runs, shift)[0].t for shift in _SHIFTS]
+    spread = float(np.sqrt(np.mean(np.square(shifted))))
+    wobble = abs(rows.ratio) * float(np.sqrt(2 * np.mean(explained**2)))
+    return Regression(rows, columns, spread, pairs, wobble)
+
+
+def _turned(run: Run) -> Run:
+    """Returns a run with columns in place of rows."""
+    skew, stretch = run.shapes.T
+    changes = run.changes[:, ::-1] * run.aspect
+    return Run(run.shifts, np.stack([skew, -stretch], axis=1), changes, run.used, run.aspect)
+
+
+def _of_rows(runs: Sequence[Run], shift: int = 0) -> tuple[Estimate, Float64[np.ndarray, "pairs 2"]]:
+    """Returns the ratio, and what a ratio of 1 explains of skew and stretch; the changes may be shifted in time."""
+    used = [run.used for run in runs]
+    shapes = np.concatenate([run.shapes[use] for run, use in zip(runs, used, strict=True)])
+    speeds = np.concatenate([run.shifts[use] for run, use in zip(runs, used, strict=True)])
+    changes = [np.roll(run.changes[_END:-_END] / 2, shift, axis=0) for run in runs]
+    changes = np.concatenate([each[use[_END:-_END]] for each, use in zip(changes, used, strict=True)])
+    values: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
+    own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
+    for kind in range(2):
+        alone = np.concatenate([changes[:, [kind]], own], axis=1)
+        left = _robust(shapes[:, kind], alone)[2]
+        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-6)
+        both = np.zeros((len(speeds), 7))
+        both[:, 0] = changes[:, kind]
+        both[:, 1 + 3 * kind : 4 + 3 * kind] = own
+        values.append(shapes[:, kind] / scale)
+        rows.append(both / scale)
+    unknowns, errors, _ = _robust(np.concatenate(values), np.concatenate(rows))
+    return Estimate(float(unknowns[0]), float(errors[0])), changes
+
+
+def _robust(
+    values: Float64[np.ndarray, "n"], rows: Float64[np.ndarray, "n unknowns"]
+) -> tuple[Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "n"]]:
+    """Returns unknowns, standard errors that allow for correlation between neighbours, and what is left."""
+    weights = np.ones(len(values))
+    unknowns = np.zeros(rows.shape[1])
+    left = values
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weights)
+        unknowns = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
+        left = values - rows @ unknowns
+        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
+        weights = 1 / (1 + (left / (2.5 * scale)) ** 2)
+    inverse = np.linalg.pinv((rows * weights[:, None]).T @ rows)
+    scores = rows * (weights * left)[:, None]
+    scatter = scores.T @ scores
+    for step in range(1, _LAG + 1):
+        beside = scores[step:].T @ scores[:-step]
+        scatter += (1 - step / (_LAG + 1)) * (beside + beside.T)
+    covariance = inverse @ scatter @ inverse * len(values) / max(len(values) - rows.shape[1], 1)
+    return unknowns, np.sqrt(np.maximum(np.diag(covariance), 1e-18)), left
+
+
+def spline_slopes(
+    times: Float64[np.ndarray, "n"], values: Float64[np.ndarray, "n columns"]
+) -> Float64[np.ndarray, "n columns"]:
+    """Returns the slopes of the cubic spline through values, whose third derivative does not change at the second and
+    the last but one (de Boor, A Practical Guide to Splines, IV).
+    """
+    gaps = np.diff(times)
+    slopes = np.diff(values, axis=0) / gaps[:, None]
+    n = len(times)
+    matrix = np.zeros((n, n))
+    inner = np.arange(1, n - 1)
+    matrix[inner, inner - 1] = gaps[1:]
+    matrix[inner, inner] = 2 * (gaps[:-1] + gaps[1:])
+    matrix[inner, inner + 1] = gaps[:-1]
+    right = np.zeros_like(values)
+    right[1:-1] = 3 * (gaps[1:, None] * slopes[:-1] + gaps[:-1, None] * slopes[1:])
+    for end, a, b in ((0, 0, 1), (n - 1, n - 2, n - 3)):
+        beside = 1 if end == 0 else n - 2
+        span = gaps[a] + gaps[b]
+        matrix[end, end] = gaps[b]
+        matrix[end, beside] = span
+        right[end] = ((gaps[a] + 2 * span) * gaps[b] * slopes[a] + gaps[a] ** 2 * slopes[b]) / span
+    return np.linalg.solve(matrix, right)
