@@ -152,11 +152,11 @@ MOVED = Finding(RowMotion.from_polynomials([0, 20], [0], HEIGHT, WIDTH), confide
     ("found", "wish", "words"),
     [
         (posed(STILL), "level", "levelled by 1.4 degrees; no visible motion, confidence 0.93: likely"),
-        (posed(MOVED), "level", "levelled by 2.3 degrees; up to 20 px, confidence 0.97: sure"),
+        (posed(MOVED), "level", "levelled by 2.3 degrees; points moved by up to 20 px, confidence 0.97: sure"),
         (
             posed(MOVED),
             "full",
-            "made upright: turned by 2.3 degrees, tilted by 6.0; up to 20 px, confidence 0.97: sure",
+            "made upright: turned by 2.3 degrees, tilted by 6.0; points moved by up to 20 px, confidence 0.97: sure",
         ),
     ],
 )
