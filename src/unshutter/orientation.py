@@ -162,7 +162,8 @@ class Orientation(IntEnum):
 
     def upright_direction(self, right: int, down: int) -> tuple[int, int]:
         """Converts a direction (right, down) in the stored picture to the upright one."""
-        origin, end = self.upright_point(0, 0), self.upright_point(right, down)
+        origin = self.upright_point(0, 0)
+        end = self.upright_point(right, down)
         return end[0] - origin[0], end[1] - origin[1]
 
     @property

@@ -60,7 +60,10 @@ class Steps:
     """Counts the steps of a task and reports each to a callback, if there is one; prints nothing."""
 
     def __init__(self, what: str, total: int, watch: Watch | None):
-        self._what, self._total, self._watch, self._done = what, total, watch, 0
+        self._what = what
+        self._total = total
+        self._watch = watch
+        self._done = 0
 
     def advance(self, count: int = 1) -> None:
         """Marks ``count`` more steps as done."""
@@ -91,7 +94,8 @@ class Bars:
     """Progress bars on the terminal, one after another: a callback for work that counts several kinds of steps."""
 
     def __init__(self) -> None:
-        self._what, self._done = "", 0
+        self._what = ""
+        self._done = 0
         self._bar: Progress | None = None
 
     def __enter__(self) -> Bars:
@@ -127,7 +131,8 @@ def _bar() -> Any:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    name, speed = TextColumn("{task.description}"), TextColumn("{task.fields[rate]}")
+    name = TextColumn("{task.description}")
+    speed = TextColumn("{task.fields[rate]}")
     return Progress(
         *(name, BarColumn(), MofNCompleteColumn(), speed, TimeRemainingColumn()),
         console=Console(stderr=True),

@@ -30,7 +30,8 @@ from unshutter.frames.frame_motion import Timing
 from unshutter.motion.shapes import Float, Float32, Float64, UInt8
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
-_DESCENTS, _REFINEMENTS = 25, 5
+_DESCENTS = 25
+_REFINEMENTS = 5
 _NO_SECOND_MAP: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an empty array as a map
 _CONSISTENT = 1.5  # px: forward-backward error
 _CORNERS = 600
@@ -63,7 +64,8 @@ def flow_between(
     with ThreadPoolExecutor(2) as threads:
         there = threads.submit(_one_way, earlier, later, plane, halvings)
         back = threads.submit(_one_way, later, earlier, np.linalg.inv(plane), halvings)
-        forward, backward = there.result(), back.result()
+        forward = there.result()
+        backward = back.result()
     return Flow(forward, backward, plane, _consistent_share(forward, backward))
 
 
@@ -83,7 +85,8 @@ def bilinear(field: np.ndarray, positions: Float32[np.ndarray, "rows cols 2"]) -
 
 def inside(positions: Float32[np.ndarray, "rows cols 2"], height: int, width: int) -> np.ndarray:
     """Bool [rows, cols]: whether each position lies in a picture."""
-    column, row = positions[..., 0], positions[..., 1]
+    column = positions[..., 0]
+    row = positions[..., 1]
     return (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
 
 
@@ -328,7 +331,8 @@ def _cost(
 ) -> np.ndarray:
     """Returns the difference between the frames where a velocity matches them, averaged around every second pixel."""
     height, width = earlier.shape
-    grid, there = pixel_grid(height, width)[::_EVERY, ::_EVERY], velocity[::_EVERY, ::_EVERY]
+    grid = pixel_grid(height, width)[::_EVERY, ::_EVERY]
+    there = velocity[::_EVERY, ::_EVERY]
     in_earlier, in_later = (_look(there, moment, timing, frame, grid) for frame in (0, 1))
     difference = cv2.absdiff(bilinear(earlier, in_earlier), bilinear(later, in_later)).astype(np.float32)
     visible = inside(in_earlier, height, width) & inside(in_later, height, width)

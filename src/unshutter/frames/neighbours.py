@@ -81,7 +81,9 @@ def _fuse_tile(
     """
     at = tile.within(own.grid.whole)
     visible, most = _visibility_and_weight(own, tile, timing, moment)
-    valid, mixed, total = visible, np.ascontiguousarray(own.pixels[at]), most
+    valid = visible
+    mixed = np.ascontiguousarray(own.pixels[at])
+    total = most
     for other in others:
         theirs = np.ascontiguousarray(other.pixels[at])
         visible_there, weight = _visibility_and_weight(other, tile, timing, moment)
@@ -90,7 +92,8 @@ def _fuse_tile(
         total = np.where(nearer, total * agreement, total)
         share = np.where(nearer, weight, weight * agreement)
         mixed = _mixed(mixed, theirs, total, share)
-        total, most = total + share, np.maximum(most, weight)
+        total = total + share
+        most = np.maximum(most, weight)
         valid = valid | visible_there if borrow else valid
     np.copyto(own.pixels[at], mixed, where=True if valid.all() else valid[..., None])  # a mask takes ten times as long
     return valid
@@ -236,7 +239,9 @@ def render_moment(
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
     """Returns the velocities between frame 0 and a neighbour."""
     first, apart = min(side, 0), connection.apart  # number of the earlier frame
-    earlier, later, flow = connection.earlier, connection.later, connection.flow
+    earlier = connection.earlier
+    later = connection.later
+    flow = connection.flow
     between = replace(timing, readout_ratio=min(timing.readout_ratio / apart, 1.0))  # their own interval is the unit
     field = field_between(earlier, later, flow, between, moment / apart - first, nearest=-first)
     return replace(field, velocity=field.velocity / np.float32(apart), moment=moment, timing=timing)

@@ -94,7 +94,8 @@ def matches(
         guess: displacement (columns, rows) [px of the frame] and angle [rad] of the frame's centre from the photo's.
     """
     height, width = frame.shape
-    cos, sin = np.cos(guess[2]), np.sin(guess[2])
+    cos = np.cos(guess[2])
+    sin = np.sin(guess[2])
     turn = np.array([[cos, -sin], [sin, cos]])
     middle, photo_middle = (np.array([size[1] - 1, size[0] - 1]) / 2 for size in (frame.shape, photo.shape))
     linear = scale * turn
@@ -170,10 +171,14 @@ def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> Stil
     unit = ROWS / film.height
     parts = [_equations(film, k, each, height, unit) for k, each in found.items()]
     design, moved = zip(*parts, strict=True)
-    A, b = np.concatenate(design), np.concatenate(moved)
+    A = np.concatenate(design)
+    b = np.concatenate(moved)
     prior = np.zeros(A.shape[-1])
     prior[6:9] = _CURVATURE**-2.0
-    weights, noise, unknowns, covariance = np.ones(len(b)), np.nan, np.zeros(A.shape[-1]), np.eye(A.shape[-1])
+    weights = np.ones(len(b))
+    noise = np.nan
+    unknowns = np.zeros(A.shape[-1])
+    covariance = np.eye(A.shape[-1])
     for _ in range(_ROUNDS):
         normal = np.einsum("n,nik,nil->kl", weights, A, A) + np.diag(prior) * (noise**2 if np.isfinite(noise) else 1e-3)
         unknowns = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, A, b))
@@ -189,8 +194,10 @@ def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> Stil
 
 def _equations(film: Frames, frame: int, found: Matches, height: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
     """[N, 2, unknowns] and [N, 2]: linear equations for the matches in a frame [px of ROWS rows]."""
-    start, end = found.photo * unit, found.frame * unit
-    focal, middle = film.fit.focal_px, np.array([film.width * unit, ROWS]) / 2
+    start = found.photo * unit
+    end = found.frame * unit
+    focal = film.fit.focal_px
+    middle = np.array([film.width * unit, ROWS]) / 2
     J = turn_jacobian((start + end) / 2 + middle, film.width * unit, focal)
     row = np.clip(0.5 + end[:, 1] / ROWS, 0, 1)
     seen = film.path(film.times[frame] + film.ratio * row)

@@ -19,7 +19,8 @@ _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whol
 _FEWEST = 12  # tracks; fewer are inconclusive
 _LEAST_OF_SCENE = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
 # least shares of corners tracked, and of tracks that agree; below either, the shot ends
-_LEAST_TRACKED, _LEAST_AGREEING = 0.15, 0.35
+_LEAST_TRACKED = 0.15
+_LEAST_AGREEING = 0.35
 _NEAR_PLANE = 0.004  # of the diagonal: largest distance of a background track from the picture's homography
 _SHARP = 0.4  # least share of those tracks within a third of that distance; 0.1 to 0.35 are by chance
 _SPREAD = 4.0  # times the median distance from the homography: tracks farther away are discarded
@@ -78,7 +79,8 @@ def follow(
     }
     there, status, _ = cv2.calcOpticalFlowPyrLK(earlier, later, corners, guess, **settings)
     back, status_back, _ = cv2.calcOpticalFlowPyrLK(later, earlier, there, corners + (there - guess), **settings)
-    start, end = corners[:, 0].astype(np.float64), there[:, 0].astype(np.float64)
+    start = corners[:, 0].astype(np.float64)
+    end = there[:, 0].astype(np.float64)
     good = (status[:, 0] > 0) & (status_back[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
     good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
     return Tracks(start[good], end[good], height, width, len(corners), lens)
@@ -175,7 +177,8 @@ def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Flo
     """Returns where a lens that keeps lines straight would show points, unless this is such a lens."""
     if tracks.lens is None:
         return points
-    focal, middle = tracks.lens.focal * tracks.height, np.array([tracks.width - 1, tracks.height - 1]) / 2
+    focal = tracks.lens.focal * tracks.height
+    middle = np.array([tracks.width - 1, tracks.height - 1]) / 2
     x, y, z = tracks.lens.direction(*((points - middle) / focal).T)
     return np.stack([x, y], axis=-1) / np.maximum(z, _FORWARD)[:, None] * focal + middle
 
@@ -184,7 +187,8 @@ def bent(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.
     """Returns where the lens shows points of the straightened picture; the inverse of :func:`straightened`."""
     if tracks.lens is None:
         return points
-    focal, middle = tracks.lens.focal * tracks.height, np.array([tracks.width - 1, tracks.height - 1]) / 2
+    focal = tracks.lens.focal * tracks.height
+    middle = np.array([tracks.width - 1, tracks.height - 1]) / 2
     points = (points - middle) / focal
     return np.stack(tracks.lens.position(points[:, 0], points[:, 1], 1.0), axis=-1) * focal + middle
 

@@ -188,7 +188,8 @@ class SamplingGrid:
 
     def contains(self, extent: Extent) -> bool:
         """Whether all positions within the bounds are inside the picture."""
-        least, most = min(extent.left, extent.top), max(extent.right - self.width, extent.bottom - self.height)
+        least = min(extent.left, extent.top)
+        most = max(extent.right - self.width, extent.bottom - self.height)
         return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
     def inside(
@@ -208,8 +209,10 @@ class SamplingGrid:
 
     def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
         """Returns the nodes of a tile's cells, and row and column of its first pixel relative to the first node."""
-        first_row, first_col = tile.top // self.row_step, tile.left // self.col_step
-        last_row, last_col = -(-tile.bottom // self.row_step), -(-tile.right // self.col_step)
+        first_row = tile.top // self.row_step
+        first_col = tile.left // self.col_step
+        last_row = -(-tile.bottom // self.row_step)
+        last_col = -(-tile.right // self.col_step)
         nodes = self.nodes[first_row : last_row + 1, first_col : last_col + 1]
         return nodes, tile.top - first_row * self.row_step, tile.left - first_col * self.col_step
 
@@ -268,13 +271,16 @@ def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int, step: i
     """
     near = max(step / 2, 1)
     lines = np.moveaxis(finer, axis, 0)
-    before, exact, after = lines[:-1:2], lines[1::2], lines[2::2]
+    before = lines[:-1:2]
+    exact = lines[1::2]
+    after = lines[2::2]
     band = max(_BAND_POINTS // exact.shape[1], 1)
     worst = 0.0
     for first in range(0, len(exact), band):
         part = slice(first, first + band)
         error = np.abs(exact[part] - (before[part] + after[part]) / 2).max(axis=-1)
-        col, row = exact[part, :, 0], exact[part, :, 1]
+        col = exact[part, :, 0]
+        row = exact[part, :, 1]
         inside = (col >= -near) & (col <= width - 1 + near) & (row >= -near) & (row <= height - 1 + near)
         worst = max(worst, float(error[inside].max(initial=0.0)))
     return worst
@@ -363,7 +369,8 @@ def valid_window(mask: Bool[np.ndarray, "height width"]) -> Tile:
     if mask.all():
         return Tile(0, height, 0, width)
     block = _block(height, width)
-    rows, cols = height // block, width // block
+    rows = height // block
+    cols = width // block
     whole = np.asarray(mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3)))
     return _largest(whole, block, height, width)
 

@@ -110,7 +110,8 @@ class Lens:
 
     def direction(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
         """Returns the unit vectors (right, down, forward) that are seen at positions."""
-        x, y = x - self.shift[0], y - self.shift[1]
+        x = x - self.shift[0]
+        y = y - self.shift[1]
         distance = np.hypot(x, y)
         angle = self.angle(distance)
         scale = np.where(distance > _SMALL, np.sin(angle) / np.maximum(distance, _SMALL), 1.0)

@@ -69,7 +69,8 @@ class Guard:
         host = headers.get("host", "")
         if not self._is_ours(host):
             return _denial(403, "this is not the name of this server: open the link that `unshutter serve` printed")
-        origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
+        origin = headers.get("origin")
+        site = headers.get("sec-fetch-site", "none")
         is_api = scope["path"].startswith("/api/")
         if (origin is not None and origin != f"http://{host}") or (is_api and site not in ("none", "same-origin")):
             return _denial(403, "only unshutter's own page may send this request")
@@ -108,7 +109,9 @@ class Limits:
     """
 
     def __init__(self, app: ASGIApp, settings: Settings, patience_s: float):
-        self._app, self._settings, self._patience_s = app, settings, patience_s
+        self._app = app
+        self._settings = settings
+        self._patience_s = patience_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """See ASGI."""
@@ -118,7 +121,9 @@ class Limits:
         await self._app(scope, receive, send)
 
     def _watched(self, declared: str, most: int, receive: Receive) -> Receive:
-        received, began, finished = 0, time.monotonic(), False
+        received = 0
+        began = time.monotonic()
+        finished = False
 
         async def watched() -> Message:
             nonlocal received, finished

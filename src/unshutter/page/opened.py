@@ -144,7 +144,8 @@ def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.nd
     """
     import numpy as np
 
-    across, down = (np.asarray(col) + 0.5) / size[0], (np.asarray(row) + 0.5) / size[1]
+    across = (np.asarray(col) + 0.5) / size[0]
+    down = (np.asarray(row) + 0.5) / size[1]
     return np.stack(Orientation(orientation).upright_point(across, down), axis=-1)
 
 

@@ -89,7 +89,8 @@ class Saving:
             self.forget()
             self.state = "cancelled"
         except OSError as error:
-            self.state, self.error = "failed", f"cannot write the zip file: {error.strerror}"
+            self.state = "failed"
+            self.error = f"cannot write the zip file: {error.strerror}"
         finally:
             self.kept.close()
             self._wake()
@@ -104,7 +105,8 @@ class Saving:
                 is_unchanged = self.to == "zip" and may_be_copy and not report["rectified"]
                 report |= await asyncio.to_thread(self._clip_result, target, open_file if is_unchanged else None)
             else:
-                name, format = open_file.name, options.save.format
+                name = open_file.name
+                format = options.save.format
                 unchanged = None if self.only_changed else self._free_name(unchanged_name(PurePosixPath(name), format))
                 places = self._free_name(photo_result(name, format)), unchanged
                 report = await desk.lanes.do(Urgency.LATER, photo_jobs.save, open_file, *places, options)
@@ -134,7 +136,8 @@ class Saving:
         note = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
         note.file.unlink(missing_ok=True)
         work = desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, open_file, target, options, note)
-        job, clock = asyncio.create_task(work), asyncio.get_running_loop()
+        job = asyncio.create_task(work)
+        clock = asyncio.get_running_loop()
         last_change_s = clock.time()
         try:
             while not (await asyncio.wait([job], timeout=_LOOK_S))[0]:
@@ -232,7 +235,9 @@ def clip_result(name: str) -> str:
 
 def free_name(folder: Path, name: str, taken: Iterable[str]) -> Path:
     """Returns a path for a result in a folder: ``a.rectified.jpg``, or ``a.rectified-2.jpg`` if the first is taken."""
-    most, occupied, number = _most_bytes(folder), {_comparable(other) for other in taken}, 1
+    most = _most_bytes(folder)
+    occupied = {_comparable(other) for other in taken}
+    number = 1
     path = folder / fitting(name, most=most)
     while _comparable(path.name) in occupied:
         number += 1

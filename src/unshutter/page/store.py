@@ -41,7 +41,9 @@ R = TypeVar("R")
 
 LANES = min(max(os.cpu_count() or 1, 2), 4)
 _MOST_FILES, _ROOM = 1000, 10  # open files at most; their total size, as a multiple of the largest file allowed
-_MOST_WAITING, _TIMEOUT_S, _REST_S = 48, 600.0, 120.0
+_MOST_WAITING = 48
+_TIMEOUT_S = 600.0
+_REST_S = 120.0
 _MOST_CLIPS, _CLIP_TIMEOUT_S, _CLIP_REST_S = 8, 86_400.0, 5.0  # for whole clips
 
 _PREFIX = "unshutter-serve-"
@@ -109,7 +111,8 @@ class Store:
             raise Full(f"{self.most_files} files are open already: close some of them")
         if size > shutil.disk_usage(self.folder).free:
             raise Full(f"no disc space is left in {self.folder.parent}: set TMPDIR to a folder on a larger disc")
-        id, name = secrets.token_urlsafe(9), clean_name(name, kind)
+        id = secrets.token_urlsafe(9)
+        name = clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
         is_known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
         open_file = OpenFile(id, kind, name, self.folder / id / f"{kind}{suffix if is_known else ''}", self.max_pixels)
@@ -192,7 +195,8 @@ def clean_name(name: str, otherwise: str = "photo") -> str:
     last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
     stem, _, suffix = last.rpartition(".")
     if not suffix or len(suffix) > _LONGEST_SUFFIX or last == suffix:
-        stem, suffix = last, ""
+        stem = last
+        suffix = ""
     stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or otherwise
     return f"{stem}.{suffix}" if suffix else stem
 
@@ -254,7 +258,8 @@ class _Lane:
 
     def end(self) -> None:
         """Kills the process, even during a job; the next job starts a new one."""
-        pid, self._pid = self._pid, None
+        pid = self._pid
+        self._pid = None
         if pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
@@ -279,7 +284,8 @@ class Lanes:
             _Lane(self._stack.enter_context(processes(1, timeout_s, all_processors=True))) for _ in range(count)
         ]
         self._all = list(self._free)
-        self._most_waiting, self._rest_s = most_waiting, rest_s
+        self._most_waiting = most_waiting
+        self._rest_s = rest_s
         self._waiting: list[tuple[Urgency, int, asyncio.Future[_Lane]]] = []
         self._numbers = itertools.count()
         self._rests: dict[_Lane, asyncio.TimerHandle] = {}

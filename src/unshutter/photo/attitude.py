@@ -118,6 +118,7 @@ def _from_straight_down(roll: float, pitch: float, source: str) -> Attitude | No
     """Converts angles of a camera below an aircraft: roll is about the flight direction, a pitch of 90 looks ahead."""
     if not abs(roll) <= 90 or not -90 <= pitch <= 180:
         return None
-    roll, pitch = math.radians(roll), math.radians(pitch)
+    roll = math.radians(roll)
+    pitch = math.radians(pitch)
     gravity = math.sin(roll) * math.cos(pitch), math.sin(pitch), math.cos(roll) * math.cos(pitch)
     return _in_picture(gravity, source, Orientation.NORMAL, 1, 1)

@@ -359,7 +359,8 @@ def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
         for _ in range(pieces):
             number(more_sizes & 15 if version else 0)
             numbers_at = iloc_at + stream.tell()
-            offset, length = number(sizes >> 4), number(sizes & 15)
+            offset = number(sizes >> 4)
+            length = number(sizes & 15)
             if own == item and in_file and pieces == 1:
                 return Extent(base + offset, length, base, numbers_at, sizes == 0x44)
             if own == item:

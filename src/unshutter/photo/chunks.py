@@ -29,7 +29,8 @@ def remove(file: BinaryIO, start: int, end: int) -> None:
     while file.seek(end) and (piece := file.read(_PIECE)):
         file.seek(start)
         file.write(piece)
-        start, end = start + len(piece), end + len(piece)
+        start = start + len(piece)
+        end = end + len(piece)
     file.truncate(start)
 
 
@@ -144,7 +145,14 @@ def lost_in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> I
 # ---- segments of JPEG ----------------------------------------------------------------------------------
 
 # markers; application segments identify their content by their first bytes
-END, SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xD9, 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
+END = 0xD9
+SCAN = 0xDA
+APP0 = 0xE0
+APP1 = 0xE1
+APP2 = 0xE2
+APP13 = 0xED
+APP14 = 0xEE
+COMMENT = 0xFE
 LONGEST = 65_533  # bytes of content
 _MOST_FILL = 1 << 16  # bytes before a marker
 _IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, unlike restart markers
@@ -217,7 +225,8 @@ def exif_of(file: BinaryIO) -> bytes | None:
 
 # ---- Photoshop's image resources -----------------------------------------------------------------------
 
-IPTC_TAG, RESOURCES_TAG = 33723, 34377
+IPTC_TAG = 33723
+RESOURCES_TAG = 34377
 RESOURCES_PREFIX = b"Photoshop 3.0\0"
 _IPTC = 1028
 _THUMBNAILS = (1033, 1036)

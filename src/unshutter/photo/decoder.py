@@ -94,7 +94,8 @@ class Decoder:
         self.source = source
         self._header = header
         self._process = os.getpid()
-        self._height, self._width = header.height, header.width
+        self._height = header.height
+        self._width = header.width
         self._grey_ahead: tuple[int, Future[np.ndarray]] | None = None  # requested short side, and the copy
         self._pixels_ahead: Future[np.ndarray] | None = None
         self._grey_begun = self._pixels_begun = False
@@ -209,7 +210,8 @@ def grey_copy(
     image: pyvips.Image, height: int, width: int, vscale: float | None = None, hscale: float | None = None
 ) -> np.ndarray:
     """Returns the luminance [height, width] uint8 of an image, scaled by the factors or, by default, to that size."""
-    vscale, hscale = vscale or height / image.height, hscale or width / image.width
+    vscale = vscale or height / image.height
+    hscale = hscale or width / image.width
     with refusing("cannot compute the grey copy"):
         image = _flattened(image, _BEHIND)
         if image.format == "ushort":

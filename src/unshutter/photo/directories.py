@@ -16,9 +16,14 @@ from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 # Tags by number. EXIF, GPS and interoperability point to sub-directories.
-EXIF, GPS, INTEROPERABILITY, MAKER_NOTE = 0x8769, 0x8825, 0xA005, 0x927C
+EXIF = 0x8769
+GPS = 0x8825
+INTEROPERABILITY = 0xA005
+MAKER_NOTE = 0x927C
 SUB_DIRECTORIES = frozenset({EXIF, GPS, INTEROPERABILITY})
-SUBFILE_TYPE, THUMBNAIL, THUMBNAIL_LENGTH = 0x00FE, 0x0201, 0x0202
+SUBFILE_TYPE = 0x00FE
+THUMBNAIL = 0x0201
+THUMBNAIL_LENGTH = 0x0202
 EXIF_PREFIX = b"Exif\0\0"  # may precede the TIFF structure of an EXIF blob
 
 BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
@@ -55,7 +60,8 @@ class Layout(NamedTuple):
         return 4 + 2 * self.offset_bytes
 
 
-CLASSIC, BIG = Layout(4, "H", "I", 4), Layout(8, "Q", "Q", 18)
+CLASSIC = Layout(4, "H", "I", 4)
+BIG = Layout(8, "Q", "Q", 18)
 
 
 class Entry(NamedTuple):

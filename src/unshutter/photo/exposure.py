@@ -22,9 +22,12 @@ from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF, Entry, Tree
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 
-_ORIGINAL, _SUBSECONDS = 0x9003, 0x9291
-_EXPOSURE_TIME, _SHUTTER_SPEED = 0x829A, 0x9201
-_CUSTOM_RENDERED, _COMPOSITE = 0xA401, 0xA460
+_ORIGINAL = 0x9003
+_SUBSECONDS = 0x9291
+_EXPOSURE_TIME = 0x829A
+_SHUTTER_SPEED = 0x9201
+_CUSTOM_RENDERED = 0xA401
+_COMPOSITE = 0xA460
 _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
 # HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a maker-specific process, is Google's HDR
 _MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
@@ -33,7 +36,8 @@ _APPLE_HDR = 0x000A
 _IS_HDR = 3
 _EXPOSURE_MODE = 0xA402
 _BRACKET = 2
-_LENS_MODEL, _FOCAL_35MM = 0xA434, 0xA405
+_LENS_MODEL = 0xA434
+_FOCAL_35MM = 0xA405
 _FISHEYE = re.compile(r"fish-?\s?eye", re.IGNORECASE)
 _ACTION_CAMERA = re.compile(r"gopro|insta360|arashi vision|osmo ?action|sjcam|akaso", re.IGNORECASE)
 # focal lengths, of 35 mm film
@@ -107,7 +111,8 @@ def setting(blob: bytes | None) -> tuple[object, ...] | None:
 
 # ---- readout time --------------------------------------------------------------------------------------
 
-_MAKE, _MODEL = 0x010F, 0x0110
+_MAKE = 0x010F
+_MODEL = 0x0110
 
 
 # usual time for photos of a kind of camera or shutter, and the longest that such a camera may take
@@ -186,6 +191,7 @@ def readout_time(blob: bytes | None) -> ReadoutTime:
 
 def readout_time_of(make: str, model: str) -> ReadoutTime:
     """Returns the readout time of a camera from EXIF's make and model."""
-    make, model = make.strip().lower(), model.strip().lower()
+    make = make.strip().lower()
+    model = model.strip().lower()
     rows = (row for row in _TABLE if make.startswith(tuple(row[0].split("|"))))
     return next((time for _, pattern, time in rows if re.match(pattern, model)), UNKNOWN)

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 _FILM = 0x0A30  # number of the block MotionPhoto_Data
 # Blocks that remain valid for new pixels: the film's version, how to play it, when and in which country it was taken.
 _STILL_VALID = (_FILM, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
-_HEAD, _FOOT = b"SEFH", b"SEFT"
+_HEAD = b"SEFH"
+_FOOT = b"SEFT"
 _LONGEST_DIRECTORY = 1 << 16  # bytes
 _LONGEST_NAME = 100
 _BOX = b"mpvd"  # in a HEIC

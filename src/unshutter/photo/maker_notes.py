@@ -183,7 +183,8 @@ def _preview_is_outside(own: bytes) -> bool:
     preview = tiff.read_tree(io.BytesIO(own), most_pages=1, first_at=at)
     if preview is None:
         return True
-    begin, length = preview.number(tiff.THUMBNAIL), preview.number(tiff.THUMBNAIL_LENGTH)
+    begin = preview.number(tiff.THUMBNAIL)
+    length = preview.number(tiff.THUMBNAIL_LENGTH)
     return begin is not None and length is not None and begin + length > len(own)
 
 

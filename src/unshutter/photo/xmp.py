@@ -188,12 +188,15 @@ _FOLLOWS = re.compile(
     rb"Image(?:Width|Length)|Pixel[XY]Dimension|Orientation|Thumbnails|HasExtendedXMP|MotionPhoto|MicroVideo"
     rb"|Container|[Gg]ain[Mm]ap|gain-map|depthmap|photos/1.0/image|GDepth|GImage|hdrgm|<!DOCTYPE"
 )
-_WIDTHS, _HEIGHTS = ("exif:PixelXDimension", "tiff:ImageWidth"), ("exif:PixelYDimension", "tiff:ImageLength")
+_WIDTHS = ("exif:PixelXDimension", "tiff:ImageWidth")
+_HEIGHTS = ("exif:PixelYDimension", "tiff:ImageLength")
 _SMALL_OR_ELSEWHERE = ("xmp:Thumbnails", "xmpNote:HasExtendedXMP")
 _FILM = re.compile("GCamera:(MotionPhoto|MicroVideo)")
 _BESIDE = re.compile("(hdrgm|HDRGainMap|GDepth|GImage):")
 _DIRECTORY = "Container:Directory"
-_SEMANTIC, _LENGTH, _PADDING = "Item:Semantic", "Item:Length", "Item:Padding"
+_SEMANTIC = "Item:Semantic"
+_LENGTH = "Item:Length"
+_PADDING = "Item:Padding"
 _OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # relative to the end of the file
 
 

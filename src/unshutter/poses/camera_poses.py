@@ -19,7 +19,9 @@ from unshutter.poses.colmap import ColmapCamera, ColmapPicture
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import make_folder
 
-GSPLAT, NERFSTUDIO, TABLE = "gsplat.npz", "transforms.json", "poses.csv"
+GSPLAT = "gsplat.npz"
+NERFSTUDIO = "transforms.json"
+TABLE = "poses.csv"
 NAMES = (GSPLAT, NERFSTUDIO, TABLE)
 _COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
 # COLMAP's model -> nerfstudio's

@@ -144,7 +144,8 @@ def _picture(name: str, pose: list[float], camera: ColmapCamera) -> ColmapPictur
 
 def _rotation_of(quaternion: np.ndarray) -> np.ndarray:
     """Returns the matrix [3, 3] of a unit quaternion (w, x, y, z), in Hamilton's convention."""
-    w, axis = quaternion[0], quaternion[1:]
+    w = quaternion[0]
+    axis = quaternion[1:]
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + 2 * w * cross + 2 * cross @ cross

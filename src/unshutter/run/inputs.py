@@ -173,7 +173,8 @@ def fitting(result: str, number: str = "", most: int = MOST_BYTES) -> str:
     """
     stem, mark, ending = result.rpartition(RECTIFIED)
     if not mark:  # the name of a photo that is left unchanged
-        stem, ending = PurePath(result).stem, PurePath(result).suffix
+        stem = PurePath(result).stem
+        ending = PurePath(result).suffix
     tail = f"{mark}{number}{ending}"
     return _cut(stem, most - _size(tail)) + tail
 

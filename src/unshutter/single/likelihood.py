@@ -54,7 +54,8 @@ class EndPoints:
     """One end of every segment, as observed: [N, 2] points (col, row), centred, in rows."""
 
     def __init__(self, points: np.ndarray):
-        self.col, self.row = points[:, 0], points[:, 1]
+        self.col = points[:, 0]
+        self.row = points[:, 1]
         self.powers = (points[:, 1:] + 0.5) ** _DEGREES  # [N, 3] of u
 
     def rectified(self, motions: np.ndarray) -> RectifiedPoints:
@@ -73,7 +74,8 @@ class RectifiedPoints:
     def __init__(self, col: np.ndarray, row: np.ndarray, tx: np.ndarray, rz: np.ndarray):
         self._cos, self._sin = np.cos(rz), np.sin(rz)
         x = col - tx
-        self.col, self.row = x * self._cos + row * self._sin, row * self._cos - x * self._sin
+        self.col = x * self._cos + row * self._sin
+        self.row = row * self._cos - x * self._sin
 
     @property
     def J_tx(self) -> Vector:
@@ -97,10 +99,13 @@ class VanishingPoints:
 
     def __init__(self, unknowns: np.ndarray, turn: float = 0.0):
         self._focal = np.exp(unknowns[:, LOG_FOCAL, None])
-        self._roll, self._tilt, self._yaw = unknowns[:, ROLL] + turn, unknowns[:, TILT], unknowns[:, YAW]
+        self._roll = unknowns[:, ROLL] + turn
+        self._tilt = unknowns[:, TILT]
+        self._yaw = unknowns[:, YAW]
         none = np.zeros_like(self._yaw)
         one = np.ones_like(self._yaw)
-        cos, sin = np.cos(self._yaw), np.sin(self._yaw)
+        cos = np.cos(self._yaw)
+        sin = np.sin(self._yaw)
         self._seen = self._in_camera([none, cos, -sin], [one, none, none], [none, sin, cos])
         self.v = self._projected(*self._seen)
 
@@ -114,7 +119,8 @@ class VanishingPoints:
     def J_tilt(self) -> Vector:
         """dv/dtilt = diag(f, f, 1) R_z (0, z, -y), with (x, y, z) = R_x w."""
         x, y, z = self._seen
-        cos, sin = np.cos(self._roll)[:, None], np.sin(self._roll)[:, None]
+        cos = np.cos(self._roll)[:, None]
+        sin = np.sin(self._roll)[:, None]
         return self._projected(-sin * z, cos * z, -(y * cos - x * sin))
 
     @property
@@ -127,15 +133,18 @@ class VanishingPoints:
     def J_yaw(self) -> Vector:
         """dv/dyaw = diag(f, f, 1) R_z R_x dw/dyaw."""
         none = np.zeros_like(self._yaw)
-        cos, sin = np.cos(self._yaw), np.sin(self._yaw)
+        cos = np.cos(self._yaw)
+        sin = np.sin(self._yaw)
         return self._projected(*self._in_camera([none, -sin, -cos], [none, none, none], [none, cos, -sin]))
 
     def _in_camera(self, x: list, y: list, z: list) -> Vector:
         """Computes R_z R_x (x, y, z) for three directions, each component a list of arrays [S]: [S, 3] each."""
         right, down, ahead = (np.stack(a, -1) for a in (x, y, z))
-        cos, sin = np.cos(self._tilt)[:, None], np.sin(self._tilt)[:, None]
+        cos = np.cos(self._tilt)[:, None]
+        sin = np.sin(self._tilt)[:, None]
         down, ahead = cos * down + sin * ahead, cos * ahead - sin * down
-        cos, sin = np.cos(self._roll)[:, None], np.sin(self._roll)[:, None]
+        cos = np.cos(self._roll)[:, None]
+        sin = np.sin(self._roll)[:, None]
         return cos * right - sin * down, sin * right + cos * down, ahead
 
     def _projected(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Vector:
@@ -159,7 +168,8 @@ class AngleResiduals:
         x, y, z = self._vanishing.v
         self._e = ex, ey = x - self._m[0] * z, y - self._m[1] * z
         self._e2 = ex**2 + ey**2 + 1e-12
-        dx, dy = dx[:, None], dy[:, None]
+        dx = dx[:, None]
+        dy = dy[:, None]
         size = np.sqrt(self._e2 * self._d2[:, None])
         self.sine = (dx * ey - dy * ex) / size
         self.cosine = (dx * ex + dy * ey) / size
@@ -194,7 +204,8 @@ class AngleResiduals:
         dx, dy = self._d
         ex, ey = self._e
         half = self._vanishing.v[2] / (2 * self._e2)
-        of_x, of_y = ey * half, ex * half
+        of_x = ey * half
+        of_y = ex * half
         J_1, J_2 = (
             of_x * x[:, None] - of_y * y[:, None] - (side * (dx * y - dy * x) / self._d2)[:, None]
             for (x, y), side in ((J_q1, -1), (J_q2, 1))

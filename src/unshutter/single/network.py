@@ -52,13 +52,16 @@ def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch
     xp = geometry.namespace(tokens)
     x, y = ends[:, 0], ends[:, 1]  # [B, N, 2 ends]
     middle_x, middle_y = (x[..., 0] + x[..., 1]) / 2, (y[..., 0] + y[..., 1]) / 2  # [B, N] from here on
-    step_x, step_y = x[..., 1] - x[..., 0], y[..., 1] - y[..., 0]
+    step_x = x[..., 1] - x[..., 0]
+    step_y = y[..., 1] - y[..., 0]
     length = xp.sqrt(xp.clip(step_x * step_x + step_y * step_y, 1e-12, None))
-    cos, sin = step_x / length, step_y / length
+    cos = step_x / length
+    sin = step_y / length
     # double angles and deviations from vertical and horizontal do not change when the ends are swapped
     angles = [cos * cos - sin * sin, 2 * sin * cos]
     for _ in range(4):  # 4, 8, 16, 32 times the angle
-        c, s = angles[-2], angles[-1]
+        c = angles[-2]
+        s = angles[-1]
         angles += [c * c - s * s, 2 * s * c]
     lean = cos * xp.sign(sin + 1e-9)
     rise = sin * xp.sign(cos + 1e-9)

@@ -21,7 +21,11 @@ from typing import Any
 import numpy as np
 
 UNKNOWNS = 10
-MOTION, ROLL, TILT, LOG_FOCAL, YAW = slice(0, 6), 6, 7, 8, 9
+MOTION = slice(0, 6)
+ROLL = 6
+TILT = 7
+LOG_FOCAL = 8
+YAW = 9
 CAMERA = slice(MOTION.stop, UNKNOWNS)
 
 _DEGREE = math.pi / 180

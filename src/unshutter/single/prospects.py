@@ -60,7 +60,8 @@ class Prospect:
     @property
     def turning_point(self) -> float:
         """Number to add to the log odds for the motion to be worth undoing; a large number if it never is."""
-        lost, gained = HARM * LOST * self.size, self.size - self.error
+        lost = HARM * LOST * self.size
+        gained = self.size - self.error
         needed = max(lost / (lost + gained), MIN_CONFIDENCE) if gained > 0 else 1.0
         return _log_odds(needed) - self.log_odds if needed < 1 else 2 * _MOST
 

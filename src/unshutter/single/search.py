@@ -166,7 +166,8 @@ def _optima(
     count = len(likelihood.prior.kinds)
     kind = np.repeat(np.arange(count), len(promising))
     starts = np.concatenate([np.tile(promising, (count, 1)), cameras])
-    moving, at_rest = slice(0, len(kind)), slice(len(kind), None)
+    moving = slice(0, len(kind))
+    at_rest = slice(len(kind), None)
     free = np.ones(starts.shape, bool)
     free[at_rest, MOTION] = False
     optima = descend(likelihood, starts, free, np.concatenate([kind, np.zeros(len(cameras), int)]))

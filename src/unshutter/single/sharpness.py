@@ -127,7 +127,8 @@ def speed_limit(
         return None
     readout_s = math.sqrt(readout.seconds * readout.longest_s)
     factor = readout_s / exposure_s * (_MERGED if merged else 1)
-    tx_px, ty_px = factor * found.along_rows, factor * found.along_columns
+    tx_px = factor * found.along_rows
+    ty_px = factor * found.along_columns
     return SpeedLimit(tx_px, ty_px, factor * found.turning_rad, exposure_s, readout_s)
 
 

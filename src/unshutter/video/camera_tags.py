@@ -28,7 +28,9 @@ _APPLE_KEY = b"com.apple.quicktime.camera.framereadouttimeinmicroseconds"
 _CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # bytes of a packet's content, by its type
 _CAMM_EXPOSURE = 1
 _KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of floating-point values
-_TEXT, _SIGNED, _UNSIGNED = 1, (21, 65, 66, 67, 74), (22, 75, 76, 77, 78)
+_TEXT = 1
+_SIGNED = (21, 65, 66, 67, 74)
+_UNSIGNED = (22, 75, 76, 77, 78)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ class CameraTags:
     @classmethod
     def of(cls, movie: Movie) -> CameraTags:
         """Reads the tags of a file; what is damaged counts as missing."""
-        readout, settings = None, {}
+        readout = None
+        settings = {}
         with suppress(*DAMAGE):
             readout = _readout_time(movie)
         with suppress(*DAMAGE):
@@ -77,7 +80,8 @@ def _apple(movie: Movie) -> Iterator[float]:
 
 def _apple_values(meta: bytes) -> Iterator[float]:
     boxes = dict(inside(meta if meta[4:8] == b"hdlr" else meta[4:]))  # it starts with a version in MP4 only
-    names, at = [], 8
+    names = []
+    at = 8
     keys = boxes.get(b"keys", b"")
     while at + 8 <= len(keys):
         (size,) = struct.unpack_from(">I", keys, at)
@@ -93,7 +97,8 @@ def _apple_values(meta: bytes) -> Iterator[float]:
 
 def _number(data: bytes) -> float | None:
     """Returns the value of a ``data`` box, which holds a type, a language and bytes."""
-    kind, value = int.from_bytes(data[:4], "big"), data[8:]
+    kind = int.from_bytes(data[:4], "big")
+    value = data[8:]
     if (kind, len(value)) in _KEY_NUMBERS:
         return struct.unpack(_KEY_NUMBERS[kind, len(value)], value)[0]
     if kind in (*_SIGNED, *_UNSIGNED) and 0 < len(value) <= 8:

@@ -230,7 +230,8 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
     low = min(min(mode.least_ms for mode in closest), longest)
     typical = min(times[len(times) // 2], longest)
     high = min(max(mode.most_ms for mode in closest), longest)
-    camera, known = closest[0].camera, same and _agree(low, high)
+    camera = closest[0].camera
+    known = same and _agree(low, high)
     if known:
         return ReadoutTime.of_ms(typical, ReadoutSource.TABLE, camera)
     return ReadoutTime.of_ms(typical, ReadoutSource.TABLE, f"{camera} {match}", (low, high))

@@ -59,7 +59,8 @@ class ClipGyro:
             return self.stated
         if not self.synchronisation.shows_ratio:
             return None
-        alignment, error = self.synchronisation.alignment, self.synchronisation.adjusted.ratio_error
+        alignment = self.synchronisation.alignment
+        error = self.synchronisation.adjusted.ratio_error
         ratio = ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, ReadoutSource.GYRO)
         return ratio.seconds(alignment.interval_s)
 
@@ -69,7 +70,8 @@ class ClipGyro:
         if self.reason is not None:
             record["declined"] = self.reason.as_json()
         if self.synchronisation is not None:
-            alignment, follows = self.synchronisation.alignment, self.synchronisation.follows
+            alignment = self.synchronisation.alignment
+            follows = self.synchronisation.follows
             record |= {"offset_s": alignment.offset_s, "drift": alignment.drift}
             record |= {"focal_heights": alignment.focal_px / ROWS, "correlation": follows}
         return record
@@ -77,7 +79,8 @@ class ClipGyro:
 
 def log_of_clip(request: ClipRequest) -> GyroLog | ClipGyro | None:
     """Reads the gyro log of a clip; returns why it cannot be used if so, or None if there is none."""
-    clip, choice = request.clip, request.options.shutter.gyro
+    clip = request.clip
+    choice = request.options.shutter.gyro
     if choice == GYRO_OFF:
         return None
     if choice is not None:
@@ -161,7 +164,8 @@ def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float
 
 
 def _covers(log: GyroLog, begin_s: float, end_s: float) -> bool:
-    first, last = max(begin_s, log.span_s[0]), min(end_s, log.span_s[1])
+    first = max(begin_s, log.span_s[0])
+    last = min(end_s, log.span_s[1])
     return first - begin_s < _MISSING_S and end_s - last < _MISSING_S and log.covers(first, last)
 
 
@@ -173,7 +177,8 @@ def lively_parts(request: ClipRequest, log: GyroLog) -> list[float] | None:
 
     They are spread over the clip, each where the camera turned most in its neighbourhood, if that is known.
     """
-    span, length = _span(request), PART * request.clip.interval_s
+    span = _span(request)
+    length = PART * request.clip.interval_s
     if span[1] - span[0] <= _PARTS * length:
         return None
     parts = []
@@ -306,7 +311,8 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
     """
     scale = np.array([1, 1, _HALF / alignment.focal_px])
     gyro = GyroTurns(log, alignment)
-    halves, logged = [], []
+    halves = []
+    logged = []
     for pair in pairs:
         tracks = pair.tracks
         still = gyro.without(tracks, pair.begin_s, pair.end_s)
@@ -316,8 +322,10 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
         one, other, by_log = (turns(replace(pair, tracks=part), alignment.focal_px)[:3] * scale for part in parts)
         halves.append((one, other))
         logged.append(by_log)
-    seen, turned = np.array(halves), np.array(logged)
-    seen, turned = seen - seen.mean(axis=0), turned - turned.mean(axis=0)
+    seen = np.array(halves)
+    turned = np.array(logged)
+    seen = seen - seen.mean(axis=0)
+    turned = turned - turned.mean(axis=0)
     size = float(np.sqrt((turned**2).sum(axis=1).mean()))
     changes = np.diff(seen, axis=0), np.diff(turned, axis=0)
     return min(_correlation(seen, turned), _correlation(*changes)), size
@@ -325,7 +333,8 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
 
 def _correlation(seen: np.ndarray, turned: np.ndarray) -> float:
     """Correlates both halves [n, 2, 3] of the seen turns with the logged turns [n, 3]; 1 if there is only noise."""
-    signal, logged = (seen[:, 0] * seen[:, 1]).sum(), (turned**2).sum()
+    signal = (seen[:, 0] * seen[:, 1]).sum()
+    logged = (turned**2).sum()
     if logged < len(turned) * _LEAST_PX**2:
         return 1.0
     together = (seen.mean(axis=1) * turned).sum()
@@ -349,7 +358,8 @@ def _ways() -> np.ndarray:
 def turns(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
     """Fits turns about three axes and growth to a pair of frames [px of ROWS rows: angle times focal length]."""
     jacobian, moved = track_jacobian(pair.tracks, focal_px)
-    jacobian, moved = jacobian.reshape(-1, 4), moved.ravel()
+    jacobian = jacobian.reshape(-1, 4)
+    moved = moved.ravel()
     weights = np.ones(len(moved))
     answer = np.zeros(4)
     for _ in range(4):
@@ -366,21 +376,25 @@ def _coarse(
     seen = np.array([turns(pair, focal_px)[:3] for pair in pairs]) * [1, 1, _HALF / focal_px]
     seen -= seen.mean(axis=0)
     begin, end = (np.array([getattr(pair, name) for pair in pairs]) for name in ("begin_s", "end_s"))
-    ways, tried = _ways(), []
+    ways = _ways()
+    tried = []
     for first, last in offsets_s:
         for start in np.arange(first, last + lag_s, _LAGS_AT_ONCE * lag_s):
             lags = np.arange(start, min(start + (_LAGS_AT_ONCE - 0.5) * lag_s, last + lag_s), lag_s)
             sums = _sums(log, seen, begin, end, lags[0], lag_s / _FINER, len(lags) * _FINER)
             cross, energy = (each[::_FINER] for each in sums)
-            along, power = np.einsum("lij,wij->lwi", cross, ways), np.einsum("lj,wij->lwi", energy, np.abs(ways))
-            sideways, width = along[..., 0] + along[..., 1], power[..., 0] + power[..., 1]
+            along = np.einsum("lij,wij->lwi", cross, ways)
+            power = np.einsum("lj,wij->lwi", energy, np.abs(ways))
+            sideways = along[..., 0] + along[..., 1]
+            width = power[..., 0] + power[..., 1]
             focal = np.clip(sideways / (width + 1e-12), _FOCALS[0] * focal_px, _FOCALS[1] * focal_px)
             cost = (seen**2).sum() + focal**2 * width - 2 * focal * sideways
             cost += _HALF**2 * power[..., 2] - 2 * _HALF * along[..., 2]
             best = np.arange(len(lags)), cost.argmin(axis=1)
             tried.append((lags, cost[best], best[1], focal[best]))
     lags, cost, way, focal = (np.concatenate(each) for each in zip(*tried, strict=True))
-    most, found = cost.min() + (_RIVAL - 1) * abs(cost.min()), []
+    most = cost.min() + (_RIVAL - 1) * abs(cost.min())
+    found = []
     while len(found) < _CANDIDATES and cost.min() <= most:
         k = cost.argmin()
         found.append((ways[way[k]], float(lags[k]), float(focal[k])))

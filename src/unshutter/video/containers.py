@@ -255,8 +255,11 @@ class ExpectedLength:
     @classmethod
     def of(cls, file: FilmFile, interval_s: float, has_tables: bool) -> ExpectedLength:
         """Returns what an open file states about its film."""
-        container, stream = file.container, file.film
-        kind, frames, seconds = container.format.name.partition(",")[0], stream.frames, None
+        container = file.container
+        stream = file.film
+        kind = container.format.name.partition(",")[0]
+        frames = stream.frames
+        seconds = None
         if kind == "avi":  # some of its frames may be empty: a repeated frame has no data
             frames, seconds = 0, frames * interval_s or None
         elif kind in _STATE_SECONDS and container.duration:

@@ -78,7 +78,8 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
 
     When the iterator is closed, the thread ends after its current item and closes its own source.
     """
-    source, waiting = iter(items), deque[Future[Any]]()
+    source = iter(items)
+    waiting = deque[Future[Any]]()
     with ThreadPoolExecutor(1) as thread:
         try:
             waiting.extend(thread.submit(next, source, _END) for _ in range(most))

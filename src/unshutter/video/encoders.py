@@ -96,7 +96,8 @@ class Encoder:
         if coding.pixel_aspect:
             context.sample_aspect_ratio = coding.pixel_aspect
         if self.qscale is not None:
-            context.qscale, context.global_quality = True, self.qscale * _LAMBDA
+            context.qscale = True
+            context.global_quality = self.qscale * _LAMBDA
         if self.bits_per_s is not None:
             context.bit_rate = self.bits_per_s
         if self.name == "mjpeg":

@@ -74,7 +74,8 @@ class FilmWriter:
         start_s: float = 0.0,
         observer: ClipObserver = SILENT,
     ):
-        self._container, self._pixel_format = container, encoder.pixel_format
+        self._container = container
+        self._pixel_format = encoder.pixel_format
         like = source.film
         self._stream = encoder.add_to(container, clip, size)
         self._streams: dict[int, Any] = {}
@@ -94,7 +95,9 @@ class FilmWriter:
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
             self.left_out.append(f"the last 2 of 12 bits of each colour ({encoder.name} writes 10)")
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
-        self._clip, self._bytes, self._packets = clip, 0, 0
+        self._clip = clip
+        self._bytes = 0
+        self._packets = 0
         self._observer: ClipObserver | None = observer  # None once it was told
         self._last = -(1 << 62)  # time of the previous frame [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
@@ -104,7 +107,8 @@ class FilmWriter:
         for stream in source.container.streams:
             if stream.index == source.film.index:
                 continue
-            packet, tags = first.get(stream.index), stream.metadata
+            packet = first.get(stream.index)
+            tags = stream.metadata
             if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
                 continue  # the titles of the chapters, which the container writes again
             cover = packet if stream.disposition & COVER else None
@@ -114,7 +118,8 @@ class FilmWriter:
                 self.covers.append(cover)
             elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
                 kind = "image/png" if cover is not None and stream.codec_context.name == "png" else "image/jpeg"
-                name, kind = tags.get("filename") or f"cover.{kind[-3:]}", tags.get("mimetype") or kind
+                name = tags.get("filename") or f"cover.{kind[-3:]}"
+                kind = tags.get("mimetype") or kind
                 self._container.add_attachment(name, kind, stream.data if cover is None else cover)
             elif _takes(ending, stream.type, partial(_begin_copy, path=source.path, stream=stream, data=packet)):
                 self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
@@ -162,7 +167,8 @@ class FilmWriter:
     def _add_encoded(self, encoded: list[Packet]) -> None:
         """Writes the next packets of the film; compares its bit rate with the clip's once it can be predicted."""
         for packet in encoded:
-            self._bytes, self._packets = self._bytes + packet.size, self._packets + 1
+            self._bytes = self._bytes + packet.size
+            self._packets = self._packets + 1
         self._container.mux(encoded)
         seconds = self._packets * self._clip.interval_s
         if self._observer is None or seconds < _TELLING_S or not self._clip.coding.bits_per_s:
@@ -245,7 +251,8 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     def add_frame(container: Any, encoder: Encoder) -> None:
         stream = encoder.add_to(container, clip, (clip.height, clip.width))
         frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
-        frame.pts, frame.time_base = 0, stream.codec_context.time_base
+        frame.pts = 0
+        frame.time_base = stream.codec_context.time_base
         for packet in [*stream.encode(frame), *stream.encode(None)]:
             packet.dts = packet.pts  # which libx265 gets wrong for a single frame
             container.mux(packet)
@@ -286,7 +293,9 @@ def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
 def _begin_copy(container: Any, path: str, stream: Any, data: bytes | None) -> None:
     """Adds a stream like another to a container, with a first packet of these data."""
     packet = av().Packet(bytes(4) if data is None else data)
-    packet.stream, packet.pts, packet.dts = _add_copy(container, path, stream), 0, 0
+    packet.stream = _add_copy(container, path, stream)
+    packet.pts = 0
+    packet.dts = 0
     container.mux(packet)
 
 
@@ -309,7 +318,8 @@ def _add_copy(container: Any, path: str, stream: Any) -> Any:
 def _name(stream: Any) -> str:
     if stream.disposition & COVER:
         return "cover picture"
-    tags, codec = stream.metadata, stream.codec_context
+    tags = stream.metadata
+    codec = stream.codec_context
     codec_name = f", {codec.name}" if codec is not None else ""
     return tags.get("handler_name", "").strip() or tags.get("filename") or f"{stream.type}{codec_name}"
 

@@ -28,7 +28,8 @@ from unshutter.orientation import Readout
 
 _PLACES = 9  # positions along each side at which the frame's border is stored
 _POINTS = 5  # points on each side of a view that are checked, corners included
-_HALVINGS, _LARGEST_ZOOM = 24, 4.0
+_HALVINGS = 24
+_LARGEST_ZOOM = 4.0
 LEFT, RIGHT, TOP, BOTTOM = range(4)
 
 
@@ -44,8 +45,10 @@ def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
     ends = np.array([[-0.5 * aspect], [0.5 * aspect], [-0.5], [0.5]]) + np.zeros(_PLACES)
     if motion.is_zero:
         return ends.astype(np.float32)
-    height, width = motion.height, motion.width
-    down, across = np.linspace(-0.5, height - 0.5, 2 * height), np.linspace(-0.5, width - 0.5, 2 * _PLACES)
+    height = motion.height
+    width = motion.width
+    down = np.linspace(-0.5, height - 0.5, 2 * height)
+    across = np.linspace(-0.5, width - 0.5, 2 * _PLACES)
     signs = (1, -1, 1, -1)
     sides = (
         (np.full_like(down, -0.5), down),
@@ -55,7 +58,8 @@ def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
     )
     for side, (col, row) in enumerate(sides):
         x, y = motion.rs_to_gs(col, row)
-        x, y = ((x + 0.5) / width - 0.5) * aspect, (y + 0.5) / height - 0.5
+        x = ((x + 0.5) / width - 0.5) * aspect
+        y = (y + 0.5) / height - 0.5
         along, reach = (y, x) if side in (LEFT, RIGHT) else (x / aspect, y)
         known = np.isfinite(along) & np.isfinite(reach)
         place = np.clip(np.rint((along[known] - at[0]) * (_PLACES - 1)), 0, _PLACES - 1).astype(int)
@@ -93,7 +97,8 @@ def margins(
     """
     x, y, side = _outline(aspect)
     size = np.asarray(zoom, np.float64).reshape(-1, 1)
-    x, y = x / size / focal, y / size / focal
+    x = x / size / focal
+    y = y / size / focal
     rays = np.stack(np.broadcast_arrays(*((x, y, 1.0) if lens is None else lens.direction(x, y))), axis=-1)
     rays = np.broadcast_to(rays, (len(turns), *rays.shape[1:]))
     ray = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(turns), rays), -1, 0)
@@ -122,12 +127,14 @@ def zoom_needed(
     lens: Lens | None = None,
 ) -> Float64[np.ndarray, "frames"]:
     """Returns the least zoom, 1 to 4, at which each view stays inside its frame's border; see :func:`margins`."""
-    low, high = np.ones(len(turns)), np.full(len(turns), _LARGEST_ZOOM)
+    low = np.ones(len(turns))
+    high = np.full(len(turns), _LARGEST_ZOOM)
     fits = margins(borders, turns, focal, low, aspect, lens)[0].min(axis=1) >= 0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         inside = margins(borders, turns, focal, middle, aspect, lens)[0].min(axis=1) >= 0
-        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+        low = np.where(inside, low, middle)
+        high = np.where(inside, middle, high)
     return np.where(fits, 1.0, high)
 
 
@@ -180,7 +187,9 @@ class StraightView:
         """Maps positions in the straightened picture to the global-shutter frame."""
         rows, columns = self.readout.frame_size(height, width)
         col, row = self.readout.points_to_frame(col, row, height, width)
-        focal, x, y = self.focal * rows, (columns - 1) / 2, (rows - 1) / 2
+        focal = self.focal * rows
+        x = (columns - 1) / 2
+        y = (rows - 1) / 2
         seen = self.lens.position((col - x) / focal, (row - y) / focal, 1.0)
         scale = self.lens.focal * rows
         return self.readout.points_to_stored(seen[0] * scale + x, seen[1] * scale + y, height, width)
@@ -251,13 +260,15 @@ class FrameMap:
     ) -> Iterator[tuple[slice, tuple[Float32[np.ndarray, "rows cols"], ...]]]:
         """Yields (rows, (col, row) [px of the plane] of their pixels) for a plane, band by band from the top."""
         scratch = scratch or Scratch()
-        height, width = -(-self.height // down), -(-self.width // across)
+        height = -(-self.height // down)
+        width = -(-self.width // across)
         step = (self.step // down, self.step // across)
         columns = slice(step[1], step[1] + width)
         band = max(_BAND, _BAND_PX // self.step)
         for first in range(0, self.nodes.shape[1] - 2, band):
             nodes = self.nodes[:, first : first + band + 2]
-            top, bottom = first * step[0], min((first + nodes.shape[1] - 2) * step[0], height)
+            top = first * step[0]
+            bottom = min((first + nodes.shape[1] - 2) * step[0], height)
             filled = scratch.array((2, nodes.shape[1] * step[0], nodes.shape[2] * step[1]))
             for each, share, out in zip(nodes, (across, down), filled, strict=True):
                 cv2.resize((each + 0.5) / share - 0.5, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)

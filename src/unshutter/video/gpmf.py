@@ -116,7 +116,8 @@ def telemetry_of(path: str | Path) -> Telemetry | None:
         DamagedLogError: there is a log, but nothing in it can be read.
         NotPlainError: the file is not a whole MP4 or QuickTime file.
     """
-    gyro, force = _Sensor(b"GYRO"), _Sensor(b"ACCL")
+    gyro = _Sensor(b"GYRO")
+    force = _Sensor(b"ACCL")
     with open(path, "rb") as stream:
         try:
             movie = Movie.read(stream)
@@ -146,7 +147,8 @@ class _Sensor:
     """Collects the samples of one sensor from the packets of a clip."""
 
     def __init__(self, key: bytes) -> None:
-        self.key, self.damaged = key, 0
+        self.key = key
+        self.damaged = 0
         self.blocks: list[_Block] = []
         self._next = 0  # number of samples so far
 
@@ -161,7 +163,8 @@ class _Sensor:
         except ValueError:
             self.damaged += 1
             return
-        first, total = self._next, _first(stream, b"TSMP")
+        first = self._next
+        total = _first(stream, b"TSMP")
         if total is not None and (not self.blocks or 0 <= total - len(values) - first <= _MOST_MISSING):
             first = int(total) - len(values)
         clock = next(
@@ -174,7 +177,8 @@ class _Sensor:
         """Returns times [s] and values [N, 4]; the times are even, as those of a sensor are."""
         if len(self.blocks) < 2:
             return np.zeros((0, 4))
-        first, last = self.blocks[0], self.blocks[-1]
+        first = self.blocks[0]
+        last = self.blocks[-1]
         many = last.first - first.first
         step = (last.at_s - first.at_s) / many
         if first.clock_s is not None and last.clock_s is not None:
@@ -204,7 +208,8 @@ def _first(stream: dict[bytes, Entry], key: bytes) -> float | None:
 
 def _values(stream: dict[bytes, Entry], key: bytes) -> np.ndarray:
     """Returns a sensor's samples [n, 3] in its unit, about right-handed axes; raises ValueError if they are damaged."""
-    values, scale = stream[key].numbers, stream[b"SCAL"].numbers.ravel() if b"SCAL" in stream else np.ones(1)
+    values = stream[key].numbers
+    scale = stream[b"SCAL"].numbers.ravel() if b"SCAL" in stream else np.ones(1)
     if values.shape[1] != 3 or not len(values) or scale.size not in (1, 3) or not scale.all():
         raise ValueError("not three axes, or no scale")
     return (values / scale) @ _axes(stream).T

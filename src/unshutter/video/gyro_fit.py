@@ -35,7 +35,8 @@ _MOST_TRACKS = 40  # per pair: more only take longer
 _STRETCH = 8  # number of consecutive pairs of frames with correlated errors
 _COMMON = 4.0  # errors of tracks are correlated: n tracks count as n / _COMMON
 # Unknowns: tilt of the axes (3) [rad], offset [s], drift, bias (3) [rad/s], logarithm of the focal length, ratio.
-_FOCAL, _RATIO = 8, 9
+_FOCAL = 8
+_RATIO = 9
 _PRIORS = [0.15] * 3 + [0.1, 3e-4] + [0.02] * 3 + [0.5, 0.3]  # standard deviations of the changes
 _STEPS = np.diag([1e-4] * 3 + [1e-4, 1e-5] + [1e-4] * 3 + [1e-3] * 2)  # steps of numerical differentiation
 _MOST_CHANGE = np.array([0.1] * 3 + [0.01, 1e-3] + [0.02] * 3 + [0.15, 0.2])  # per round
@@ -97,7 +98,8 @@ class Adjustment:
         clock = (alignment.offset_s, alignment.drift, alignment.ratio)
         if clock not in self._turns:
             times = alignment.log_time(self.taken, np.clip(self.ends[..., 1] / ROWS, 0, 1))
-            begin, end = self.log.rotations(times[0]), self.log.rotations(times[1])
+            begin = self.log.rotations(times[0])
+            end = self.log.rotations(times[1])
             self._turns.clear()
             self._turns[clock] = end @ begin.swapaxes(-1, -2), times[1] - times[0]
         return self._turns[clock]
@@ -111,7 +113,8 @@ class Adjustment:
     def shares(self) -> np.ndarray:
         """Derivatives [pairs, 2 most, 8] of tracks with respect to the motion of a plane seen by a moving camera."""
         x, y = np.moveaxis((self.ends.mean(axis=0) - [self.width / 2, _HALF]) / _HALF, -1, 0)
-        one, none = np.ones_like(x), np.zeros_like(x)
+        one = np.ones_like(x)
+        none = np.zeros_like(x)
         columns = np.stack([one, none, x, y, none, none, x * x, x * y], axis=-1)
         rows = np.stack([none, one, none, none, x, y, x * y, y * y], axis=-1)
         shares = np.stack([columns, rows], axis=-2) * self.used[..., None, None]
@@ -133,8 +136,11 @@ class Adjustment:
         free = np.flatnonzero(priors)
         expected = np.zeros(len(priors))
         expected[_FOCAL] = np.log(self.usual_focal_px / start.focal_px)
-        change, common = np.zeros(len(priors)), np.zeros((len(self.pairs), _COMMONS))
-        spread, steady, noise = np.full(_COMMONS, _BEGUN_PX), np.zeros(2 * _COMMONS), np.nan
+        change = np.zeros(len(priors))
+        common = np.zeros((len(self.pairs), _COMMONS))
+        spread = np.full(_COMMONS, _BEGUN_PX)
+        steady = np.zeros(2 * _COMMONS)
+        noise = np.nan
         precision = np.concatenate([priors[free] ** -2.0, np.full(len(steady), _STEADY_PX**-2.0)])
         for _ in range(_ROUNDS):
             off = self.residuals(changed(start, change))
@@ -244,7 +250,8 @@ class GyroTurns:
         """Returns tracks as seen by a camera that did not turn between the two frames."""
         if not len(tracks):
             return tracks
-        unit, focal_px = ROWS / tracks.height, self.alignment.focal_px
+        unit = ROWS / tracks.height
+        focal_px = self.alignment.focal_px
         middle = np.array([tracks.width, tracks.height]) / 2 - 0.5
         rows = [np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end)]
         turned, _ = self.between((np.full(len(tracks), begin_s), rows[0]), (np.full(len(tracks), end_s), rows[1]))
@@ -287,8 +294,10 @@ def up_directions(
         turns: turns of the camera of a log that :func:`has_gravity`.
         row: row as a fraction of the height.
     """
-    log, alignment = turns.log, turns.alignment
-    times, force = log.force[:, 0], log.force[:, 1:]
+    log = turns.log
+    alignment = turns.alignment
+    times = log.force[:, 0]
+    force = log.force[:, 1:]
     still = np.einsum("nji,nj->ni", log.rotations(times), force)  # as if the device had not turned
     grid = np.arange(times[0], times[-1] + 1 / _RATE_HZ, 1 / _RATE_HZ)
     even = np.stack([np.interp(grid, times, axis) for axis in still.T], axis=-1)

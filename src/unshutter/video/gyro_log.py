@@ -51,11 +51,13 @@ class GyroLog:
     on_clip_clock: bool = False  # whether its clock roughly agrees with the clip's, as in a file that contains both
 
     def __post_init__(self) -> None:
-        times, rates = np.asarray(self.t_s, np.float64), np.asarray(self.rates, np.float64)
+        times = np.asarray(self.t_s, np.float64)
+        rates = np.asarray(self.rates, np.float64)
         if rates.shape != (len(times), 3):
             raise UnshutterError(f"{self.origin}: the log has {len(times)} times but rates of shape {rates.shape}")
         possible = (np.abs(times) < _LARGEST) & (np.abs(rates) < _LARGEST).all(axis=1)
-        times, rates = times[possible], rates[possible]
+        times = times[possible]
+        rates = rates[possible]
         if len(times) < _FEWEST:
             raise UnshutterError(f"{self.origin}: the log has only {len(times)} gyro samples")
         if (np.diff(times) <= 0).mean() > _MOST_DISORDER:
@@ -208,7 +210,8 @@ def _by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
     try:
         parser = telemetry_parser.Parser(os.fspath(path))
         samples = parser.normalized_imu()
-        maker, model = parser.camera or "", parser.model or ""
+        maker = parser.camera or ""
+        model = parser.model or ""
         name = model if model.startswith(maker) else f"{maker} {model}".strip()
     except (KeyboardInterrupt, SystemExit):
         raise
@@ -218,7 +221,8 @@ def _by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
     forces = [(sample["timestamp_ms"], *sample["accl"]) for sample in samples if sample.get("accl")]
     if not turns:
         return None
-    turned, force = np.array(turns, np.float64), np.array(forces, np.float64).reshape(-1, 4)
+    turned = np.array(turns, np.float64)
+    force = np.array(forces, np.float64).reshape(-1, 4)
     turned[:, 0], force[:, 0], turned[:, 1:] = turned[:, 0] / 1000, force[:, 0] / 1000, np.radians(turned[:, 1:])
     return _usable(name, turned, force)
 
@@ -226,7 +230,8 @@ def _by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
 def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
     """Parses a log in Gyroflow's format: lines ``key,value``, a line that names the columns, and the samples."""
     told: dict[str, str] = {}
-    columns, lines = [], iter(lines)
+    columns = []
+    lines = iter(lines)
     for line in lines:
         words = [word.strip() for word in line.split(",")]
         if {"t", "gx", "gy", "gz"} <= {word.lower() for word in words}:

@@ -52,7 +52,8 @@ _COEFFICIENTS = "distortion_coeffs", "distortion_coefficients", "dist_coeffs", "
 _SIDES = (("image_width", "width", "w"), ("image_height", "height", "h"))
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _LIST = r"[^\[]{0,200}(\[[\[\]\s\d.,eE+-]*)"  # of numbers, also nested; other facts of the matrix may come first
-_FISHEYE, _RADIAL = ("fisheye", "equidistant"), ("standard", "plumb", "rational", "radial", "pinhole")
+_FISHEYE = ("fisheye", "equidistant")
+_RADIAL = ("standard", "plumb", "rational", "radial", "pinhole")
 _SQUARE = 0.03  # pixels whose sides differ by more are those of an anamorphic lens
 _ALIKE = 0.01  # difference of aspect ratios
 
@@ -134,8 +135,10 @@ _BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is d
 _FOCALS = tuple(0.85 * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
 _USUAL, _SPREAD = 0.85, 1.0  # prior: share of width + height, and standard deviation of its logarithm
 # roughly, and then exactly: first step of both unknowns and rounds of Newton's method; rounds of the tracks' weights
-_ROUGH, _EXACT = (0.1, 3), (0.05, 8)
-_ROUGH_WEIGHINGS, _WEIGHINGS = 2, 4
+_ROUGH = (0.1, 3)
+_EXACT = (0.05, 8)
+_ROUGH_WEIGHINGS = 2
+_WEIGHINGS = 4
 _FOCAL_ONLY = np.array([[0.0, 1.0]])  # a lens that keeps lines straight has no other unknown
 _FINEST = 0.03  # step at which Newton's method may end
 _COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
@@ -143,14 +146,16 @@ _SURE = 8.0  # by so much must a bent lens explain the tracks better than one th
 _HOPELESS = 0.25  # share of that, at the rough look
 _NARROW = np.radians(20)  # from the axis to the corner: such lenses do not bend lines, or the camera moved sideways
 # largest standard deviation of the corner's distance from the middle, as a share of it: to end the search; at its end
-_SURE_CORNER, _SURE_ENOUGH = 0.01, 0.02
+_SURE_CORNER = 0.01
+_SURE_ENOUGH = 0.02
 
 
 def lens_in_survey(evidence: Survey) -> Lens | None:
     """Finds the lens in tracked frames of a clip; None if it keeps lines straight, or if the frames do not tell."""
     if not evidence.parts:
         return None
-    first, further = _shown(evidence.parts[0][:FIRST]), evidence.runs(FURTHER, PART, skipped=FIRST)
+    first = _shown(evidence.parts[0][:FIRST])
+    further = evidence.runs(FURTHER, PART, skipped=FIRST)
     return _lens_in(first[:PART], first[PART:], (tracks for run in further for tracks in _shown(run)))
 
 
@@ -256,8 +261,10 @@ class _Turning:
     @classmethod
     def of(cls, pairs: Sequence[Tracks], weighings: int) -> _Turning:
         ends, used = padded_ends(pairs)
-        ends, width = ends * ROWS / pairs[0].height, pairs[0].width * ROWS / pairs[0].height
-        moved, usual = (ends[1] - ends[0]).reshape(len(pairs), -1), float(np.log(_USUAL * (width + ROWS)))
+        ends = ends * ROWS / pairs[0].height
+        width = pairs[0].width * ROWS / pairs[0].height
+        moved = (ends[1] - ends[0]).reshape(len(pairs), -1)
+        usual = float(np.log(_USUAL * (width + ROWS)))
         return cls(used, ends.mean(axis=0), moved, width, usual, weighings)
 
     @property
@@ -267,7 +274,8 @@ class _Turning:
 
     def lens(self, at: Float64[np.ndarray, "2"]) -> Lens:
         """Returns a lens."""
-        bend, focal = float(at[0]), float(np.exp(at[1])) / ROWS
+        bend = float(at[0])
+        focal = float(np.exp(at[1])) / ROWS
         root = max(abs(bend), 1e-9) ** 0.5
         reach = _WIDEST * root * self.corner / focal
         angles = np.linspace(0.02, 1, 40) * (np.arctan(reach) if bend > 0 else np.arctanh(min(reach, 0.97))) / root
@@ -286,7 +294,8 @@ class _Turning:
         Returns:
             The lens, and the covariance of its coordinates along these directions.
         """
-        at, inverse = max(starts, key=self.height), np.eye(len(along))
+        at = max(starts, key=self.height)
+        inverse = np.eye(len(along))
         for _ in range(rounds):
             moves = step * along
             here = self.height(at)
@@ -307,7 +316,8 @@ class _Turning:
                     break
                 step = step / 3
             else:
-                at, step = better, step / 2 if np.abs(jump).max() < 1 else step
+                at = better
+                step = step / 2 if np.abs(jump).max() < 1 else step
         return at, inverse * step**2
 
     def height(self, at: Float64[np.ndarray, "2"]) -> float:
@@ -326,7 +336,9 @@ class _Turning:
         row = (2 * self.middles[..., 1] / ROWS - 1)[..., None, None]
         design = np.concatenate([shown, shown[..., :3] * row, shown[..., :3] * row**2], axis=-1)
         design = design.reshape(*self.moved.shape, -1)
-        weights, noise, squared = self.used.astype(np.float64), np.nan, np.zeros(0)
+        weights = self.used.astype(np.float64)
+        noise = np.nan
+        squared = np.zeros(0)
         for _ in range(self.weighings):
             weighted = (design * np.repeat(weights, 2, axis=1)[..., None]).swapaxes(1, 2)
             normal = weighted @ design + 1e-4 * np.eye(design.shape[-1])
@@ -382,7 +394,8 @@ def _listed(request: ClipRequest) -> Lens | None:
     """Returns the lens of the clip's camera if all profiles of its frame size agree on it, and at least two unless the
     user named the camera; otherwise None. A GoPro's field of view, if its file states it (ZFOV), narrows the choice.
     """
-    clip, named = request.clip, request.options.shutter.camera
+    clip = request.clip
+    named = request.options.shutter.camera
     if named is None:
         known = cameras.tagged(table(), *cameras.camera_of(clip.tags))
     else:

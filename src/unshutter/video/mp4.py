@@ -130,7 +130,8 @@ class Track:
             out = b""
             for name, inner in inside(content):
                 if name in (b"stco", b"co64"):
-                    name, inner = b"co64", offsets
+                    name = b"co64"
+                    inner = offsets
                 elif path and name == path[0]:
                     inner = change(inner, path[1:])
                 out += box(name, inner)
@@ -168,7 +169,8 @@ class Track:
 
     def _media_with(self, film: Track) -> bytes:
         """Returns the ``mdia`` content, taking the boxes that describe samples from the new film."""
-        header, theirs = bytearray(self.part(b"mdia", b"mdhd")), film.part(b"mdia", b"mdhd")
+        header = bytearray(self.part(b"mdia", b"mdhd"))
+        theirs = film.part(b"mdia", b"mdhd")
         struct.pack_into(">I", header, 20 if header[0] else 12, film.timescale)
         _set_duration(header, 16, _duration(theirs, 16))
         table = b""
@@ -178,7 +180,8 @@ class Track:
             elif name == b"stsc":  # one sample per chunk, so that sound can be interleaved
                 content = struct.pack(">IIIII", 0, 1, 1, 1, 1)
             elif name in (b"stco", b"co64"):
-                name, content = b"co64", _offsets(film.samples())
+                name = b"co64"
+                content = _offsets(film.samples())
             table += box(name, content)
         out = b""
         for name, content in inside(self.part(b"mdia")):
@@ -244,7 +247,8 @@ def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
 
 def _entry_with(theirs: bytes, ours: bytes) -> bytes:
     """Returns the new film's ``stsd`` content, its first entry extended by our boxes about colours and light."""
-    entries, own = list(inside(theirs[8:])), list(inside(ours[8:]))
+    entries = list(inside(theirs[8:]))
+    own = list(inside(ours[8:]))
     name, content = entries[0]
     kinds = {n for n, _ in inside(content[_VISUAL:])}
     for kind, extra in inside(own[0][1][_VISUAL:]):
@@ -337,9 +341,11 @@ def can_take(movie: Movie) -> bool:
 
 def write_with_film(original: BinaryIO, film: BinaryIO, out: BinaryIO) -> None:
     """Writes the original file with the video track of another file."""
-    movie, new = Movie.read(original), Movie.read(film)
+    movie = Movie.read(original)
+    new = Movie.read(film)
     place = movie.film()
-    tracks, sources = list(movie.tracks), [original] * len(movie.tracks)
+    tracks = list(movie.tracks)
+    sources = [original] * len(movie.tracks)
     own = new.tracks[new.film()]
     tracks[place], sources[place] = tracks[place].with_film(own, movie.timescale, new.timescale), film
     _write(movie, tracks, sources, out)

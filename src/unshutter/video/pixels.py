@@ -41,7 +41,8 @@ class PixelFormat:
         """Returns the planes of an FFmpeg pixel format."""
         if pixel_format is None:
             raise UnshutterError("the clip does not state its pixel format")
-        name, components = pixel_format.name, pixel_format.components
+        name = pixel_format.name
+        components = pixel_format.components
         by_plane = [[c for c in components if c.plane == k] for k in range(1 + max(c.plane for c in components))]
         depth = components[0].bits
         odd = any(len({(c.bits, c.width) for c in inside}) > 1 for inside in by_plane)
@@ -52,7 +53,8 @@ class PixelFormat:
             raise UnshutterError(f"cannot process the pixel format {name}: convert the clip to yuv420p10le first")
         planes = []
         for k, inside in enumerate(by_plane):
-            across, down = -(-pixel_format.width // inside[0].width), -(-pixel_format.height // inside[0].height)
+            across = -(-pixel_format.width // inside[0].width)
+            down = -(-pixel_format.height // inside[0].height)
             chroma = not pixel_format.is_rgb and k in (1, 2)
             luma = not pixel_format.is_rgb and k == 0
             black = (1 << depth) // 2 if chroma else 0
@@ -64,10 +66,12 @@ class PixelFormat:
         dtype = np.dtype(np.uint8 if self.depth == 8 else "<u2")
         views = []
         for stored, plane in zip(frame.planes, self.planes, strict=True):
-            shape, size = (-(-frame.height // plane.down), -(-frame.width // plane.across)), dtype.itemsize
+            shape = (-(-frame.height // plane.down), -(-frame.width // plane.across))
+            size = dtype.itemsize
             strides = (stored.line_size, plane.bands * size)
             if plane.bands > 1:
-                shape, strides = (*shape, plane.bands), (*strides, size)
+                shape = (*shape, plane.bands)
+                strides = (*strides, size)
             views.append(np.ndarray(shape, dtype, buffer=memoryview(stored), strides=strides))
         return views
 

@@ -86,14 +86,18 @@ def survey(
     """
     parts = []
     for start, end in parts_s:
-        part, before, grey_before = [], None, None
+        part = []
+        before = None
+        grey_before = None
         for frame in ahead(frames_of(request.clip, start, end), _AHEAD):
-            grey, tracked = request.grey(frame, TRACKED_SIDE), TrackedFrame(frame.time or 0.0)
+            grey = request.grey(frame, TRACKED_SIDE)
+            tracked = TrackedFrame(frame.time or 0.0)
             if grey_before is not None:
                 since = request.clip.since(before, frame)
                 tracked = replace(tracked, since=since, tracks=follow(grey_before, grey))
             part.append(tracked)
-            before, grey_before = frame, grey
+            before = frame
+            grey_before = grey
             if steps is not None:
                 steps.advance()
         parts.append(part)
@@ -107,5 +111,6 @@ def tracked_copies(request: ClipRequest, frames: Sequence[TrackedFrame]) -> Iter
     for number, frame in enumerate(frames):
         if number and frame.since is None:
             yield None
-        after, followed = 1.0 if frame.since is None else frame.since, frame.tracks if number else None
+        after = 1.0 if frame.since is None else frame.since
+        followed = frame.tracks if number else None
         yield GreyFrame(*request.frame_size, nothing, after=after, time_s=frame.time_s, followed=followed)

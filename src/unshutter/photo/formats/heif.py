@@ -39,7 +39,10 @@ class Avif(WrittenFormat):
     loader = "heifload"
     suffixes = (".avif",)
     signature = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
-    longest_side, deep, grey, alpha = 16_384, True, False, True
+    longest_side = 16_384
+    deep = True
+    grey = False
+    alpha = True
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:

@@ -62,7 +62,10 @@ class Jpeg(WrittenFormat):
     suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
     signature = re.compile(rb"\xff\xd8\xff")
     shrinks = (8, 4, 2)
-    longest_side, deep, grey, alpha = 65_500, False, True, False
+    longest_side = 65_500
+    deep = False
+    grey = True
+    alpha = False
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "film"})
 
     def read_header(self, source: Source) -> Header:
@@ -214,7 +217,8 @@ def _scaled_sum(quality: int) -> int:
 def _luminance_sum(tables: bytes) -> int | None:
     """Returns the sum of quantisation table 0, if it is among these."""
     while tables:
-        wide, name = tables[0] >> 4, tables[0] & 15
+        wide = tables[0] >> 4
+        name = tables[0] & 15
         values = tables[1 : 65 + 64 * wide]
         if name == 0 and wide < 2 and len(values) == 64 * (1 + wide):
             return sum(struct.unpack(">64H", values) if wide else values)

@@ -55,7 +55,10 @@ class Png(WrittenFormat):
     loader = "pngload"
     suffixes = (".png",)
     signature = re.compile(rb"\x89PNG\r\n\x1a\n")
-    longest_side, deep, grey, alpha = 10_000_000, True, True, True
+    longest_side = 10_000_000
+    deep = True
+    grey = True
+    alpha = True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "chunks"})
 
     def read_header(self, source: Source) -> Header:

@@ -38,7 +38,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 _CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
-_DNG_VERSION, _PRIVATE_DATA, _PANASONIC_JPEG = 0xC612, 0xC634, 0x002E
+_DNG_VERSION = 0xC612
+_PRIVATE_DATA = 0xC634
+_PANASONIC_JPEG = 0x002E
 _OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
 _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
@@ -134,7 +136,8 @@ def _opened(source: Source) -> Iterator[Any]:
 
 # ---- missing data ------------------------------------------------------------------------------------
 
-_PHOTOMETRIC, _SUB_PICTURES = 0x0106, 0x014A
+_PHOTOMETRIC = 0x0106
+_SUB_PICTURES = 0x014A
 _TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # starts and lengths of strips and tiles
 _OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: colour filter array, linear raw
 _MOST_SUB_PICTURES = 64

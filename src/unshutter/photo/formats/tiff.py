@@ -24,14 +24,19 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-_COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0x0152
+_COMPRESSION = 0x0103
+_PHOTOMETRIC = 0x0106
+_SAMPLES = 0x0115
+_EXTRA_SAMPLES = 0x0152
 _OLD_JPEG, _JPEG = 6, 7  # compressions
 # number of colour samples, by photometric interpretation
 _COLOURS: dict[int | None, int] = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}
 # meanings of an extra sample
 _UNSPECIFIED = 0
 _TRANSPARENCY = (1, 2)  # for 1, libvips undoes the premultiplication
-_PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
+_PRIVATE = 0x8000
+_LAYERS = 0x935C
+_ICC = 0x8773
 _CARRIED = {chunks.IPTC_TAG, chunks.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
 _RESOLUTION = 0x011A, 0x011B
 _SHORT, _FRACTION = 3, 5  # TIFF types
@@ -48,7 +53,11 @@ class Tiff(WrittenFormat):
     loader = "tiffload"
     suffixes = (".tif", ".tiff")
     signature = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
-    longest_side, deep, grey, alpha, masks = 10_000_000, True, True, True, True
+    longest_side = 10_000_000
+    deep = True
+    grey = True
+    alpha = True
+    masks = True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "description"})
 
     def read_header(self, source: Source) -> Header:

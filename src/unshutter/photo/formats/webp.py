@@ -30,7 +30,10 @@ class Webp(WrittenFormat):
     loader = "webpload"
     suffixes = (".webp",)
     signature = re.compile(rb"RIFF....WEBP", re.DOTALL)
-    longest_side, deep, grey, alpha = 16_383, False, False, True
+    longest_side = 16_383
+    deep = False
+    grey = False
+    alpha = True
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:
