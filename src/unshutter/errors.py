@@ -118,7 +118,9 @@ class UnshutterError(Exception):
     @property
     def pieces(self) -> list[str]:
         """The line with the names of its files, taken apart: text and names of options in turn."""
-        pieces, at, message = [self._start], 0, self._template
+        pieces = [self._start]
+        at = 0
+        message = self._template
         for field in _FIELD.finditer(message):
             pieces[-1] += message[at : field.start()]
             at = field.end()
@@ -200,7 +202,9 @@ class UnknownRatioError(UnshutterError):
     def with_advice(self, advice: str) -> Self:
         """Returns the error with advice for the user."""
         advised = type(self)(self.args[0], self.reason, advice)
-        advised.files, advised.subject, advised.names = self.files, self.subject, self.names
+        advised.files = self.files
+        advised.subject = self.subject
+        advised.names = self.names
         return advised
 
     @classmethod

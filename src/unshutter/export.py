@@ -65,7 +65,8 @@ class PixelMap:
     def st(self) -> np.ndarray:
         """Returns the ST map: float32 [H, W, 3], top row first: s, t, and 1 where valid, else 0."""
         height, width = self.col.shape
-        s, t = (self.col + 0.5) / width, 1 - (self.row + 0.5) / height
+        s = (self.col + 0.5) / width
+        t = 1 - (self.row + 0.5) / height
         return np.stack([s, t, self.valid], axis=-1).astype(np.float32)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -226,7 +227,9 @@ class PointTable:
         if not lines:
             raise UnshutterError(f"{path} is empty: it has no points")
         first = lines[0][1]
-        header, x, y = None, 0, 1
+        header = None
+        x = 0
+        y = 1
         if len(first) < 2 or None in (_number(first[0]), _number(first[1])):
             names = [field.strip().lower() for field in first]
             if names.count("x") != 1 or names.count("y") != 1:
@@ -234,7 +237,9 @@ class PointTable:
                     f"{path}: the first line must name the columns x and y once each, separated by commas, "
                     "or begin with two numbers"
                 )
-            header, x, y = first, names.index("x"), names.index("y")
+            header = first
+            x = names.index("x")
+            y = names.index("y")
             lines = lines[1:]
         for number, fields in lines:
             if len(fields) != len(first):

@@ -78,7 +78,8 @@ class ReadoutTime:
 
     def ratio(self, interval_s: float) -> ReadoutRatio:
         """Returns the time as a share of the time between frames [s], of which none takes longer to be read out."""
-        value, error = self.seconds / interval_s, self.error_s / interval_s
+        value = self.seconds / interval_s
+        error = self.error_s / interval_s
         return ReadoutRatio(min(round(value, _DIGITS), 1.0), min(round(error, _DIGITS), 1.0), self.source)
 
     @property

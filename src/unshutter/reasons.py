@@ -42,7 +42,8 @@ class Worded(StrEnum):
     def __new__(cls, word: str, sentence: str) -> Self:
         """Creates a member, whose value is its word."""
         member = str.__new__(cls, word)
-        member._value_, member.sentence = word, sentence
+        member._value_ = word
+        member.sentence = sentence
         return member
 
 
@@ -176,7 +177,8 @@ class Reason:
     @classmethod
     def from_json(cls, data: Any) -> Reason:
         """Reads the output of :meth:`as_json`; a reason with an unknown code keeps its sentence."""
-        code, figures = str(data["code"]), dict(data["figures"])
+        code = str(data["code"])
+        figures = dict(data["figures"])
         if code not in set(Code):
             return cls.stated(str(data["sentence"]))
         reason = cls.of(Code(code), **figures)

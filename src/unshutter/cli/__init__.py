@@ -123,7 +123,8 @@ def main(words: list[str] | None = None) -> int:
 def _run_command(words: list[str]) -> int:
     name = words[0] if words else "--help"
     if default := command_for_file(name):
-        name, words = default, [default, *words]
+        name = default
+        words = [default, *words]
     if name in ("-h", "--help", "--help-all", "help"):
         print(_help())
     elif name == "--version":

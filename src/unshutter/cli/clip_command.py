@@ -134,7 +134,8 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     """Yields the result and warnings for the user, one line each."""
     if outcome.after_killed_run:
         yield "unshutter: an earlier run was killed here; this one started from the beginning"
-    note, by_camera = "", outcome.rectified - outcome.dense
+    note = ""
+    by_camera = outcome.rectified - outcome.dense
     if outcome.model == "dense" and by_camera:
         note = f" ({by_camera} of them by the camera's motion alone)"
     if unchanged := outcome.frames - outcome.rectified:

@@ -151,7 +151,8 @@ def _points(arguments: Points) -> int:
     from unshutter.motion import Motion
 
     RunFiles(arguments)
-    motion, first = Motion.load(arguments.motion), float(arguments.first_pixel)
+    motion = Motion.load(arguments.motion)
+    first = float(arguments.first_pixel)
     total, unseen = move_file(motion, arguments.table, arguments.output, arguments.inverse, first, arguments.overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""
     tell(f"{arguments.table} -> {arguments.output}: {total} points{note}")

@@ -272,7 +272,8 @@ class Problem:
 
     def _solved(self, equations: TurnEquations, stiffness: float, near: Fit | None) -> Fit:
         """Returns the most probable motion for one stiffness, by iteratively reweighted least squares."""
-        weights, noise = self._used.astype(np.float64), np.nan
+        weights = self._used.astype(np.float64)
+        noise = np.nan
         unknowns = None if near is None else near.of_knots(self._knots).ravel()
         shapes = None
         solution = None
@@ -283,7 +284,8 @@ class Problem:
             np.multiply(self._prior, stiffness, out=matrix)
             matrix.flat[:: len(matrix) + 1] += _RIDGE
             solution = self._solution(equations, weights, matrix)
-            unknowns, shapes = solution.unknowns, solution.shapes
+            unknowns = solution.unknowns
+            shapes = solution.shapes
         assert unknowns is not None
         assert solution is not None
         squared = self._squared(equations, unknowns, shapes)[self._used]
@@ -301,7 +303,8 @@ class Problem:
         shapes = None
         if self.depth is not None:
             shapes = self._shapes.eliminated(weights, equations.spline, self.depth)
-            normal, moments = normal - shapes.normal(), moments - shapes.right()
+            normal = normal - shapes.normal()
+            moments = moments - shapes.right()
         for k, place in enumerate(self._places):
             span = slice(place[0], place[-1] + 1)
             matrix[span, span] += normal[k]
@@ -361,7 +364,8 @@ def track_jacobian(
 ) -> tuple[Float64[np.ndarray, "tracks 2 4"], Float64[np.ndarray, "tracks 2"]]:
     """Returns the :func:`turn_jacobian` half way along each track, and the track's displacement [px of ROWS rows]."""
     unit = ROWS / tracks.height
-    start, end = (tracks.start + 0.5) * unit, (tracks.end + 0.5) * unit
+    start = (tracks.start + 0.5) * unit
+    end = (tracks.end + 0.5) * unit
     return turn_jacobian((start + end) / 2, tracks.width * unit, focal_px, tracks.lens), end - start
 
 

@@ -52,7 +52,8 @@ def decoded(film: PhotoFilm) -> Film | None:
     except UnshutterError:
         return None
     source = io.BytesIO(film.place) if isinstance(film.place, bytes) else str(film.place.absolute())
-    frames, times = [], []
+    frames = []
+    times = []
     with suppress(av_error, OSError, ValueError, EOFError):
         options = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}
         with pyav.open_to_read(source, options=options) as container:
@@ -194,7 +195,8 @@ class _Still:
         """Fits the rotation of the photo's rows from the frames around ``near``; None if found in fewer than two."""
         found: dict[int, Matches] = {}
         guess = np.zeros(3)
-        unit, focal = frames.height / ROWS, frames.fit.focal_px
+        unit = frames.height / ROWS
+        focal = frames.fit.focal_px
         beside = [k for k in range(near - _MATCHED, near + _MATCHED + 1) if 0 <= k < len(run.greys)]
         path = frames.path(frames.times + frames.ratio / 2)
         for k in sorted(beside, key=lambda k: abs(k - near)):
@@ -225,7 +227,8 @@ class _Run:
     @classmethod
     def around(cls, film: Film, near: int) -> _Run | None:
         """Returns the connected frames around ``near``, or None if there are too few."""
-        first, last = max(near - _AROUND, 0), min(near + _AROUND, len(film.frames) - 1)
+        first = max(near - _AROUND, 0)
+        last = min(near + _AROUND, len(film.frames) - 1)
         links = {k: background(follow(film.frames[k], film.frames[k + 1])) for k in range(first, last)}
         while near > first and all(links[k].joined for k in range(first, near)) is False:
             first += 1

@@ -65,7 +65,8 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
         raise UnknownRatioError.because(Reason(Code.STOOD_STILL if at_rest else Code.HARDLY_MOVED))
     parts = []
     for k in range(0, max(len(pairs) - _PART // 2, 1), _PART):
-        part, since = pairs[k : k + _PART], np.array(times[k : k + _PART + 1]) - np.floor(times[k])
+        part = pairs[k : k + _PART]
+        since = np.array(times[k : k + _PART + 1]) - np.floor(times[k])
         parts.append(Problem(part, focal_px, None if starts is None else since))
     profiles = [_Profile(part) for part in parts]
     coarse = np.sum([[profile.at(ratio) for ratio in _COARSE] for profile in profiles], axis=0)
@@ -107,8 +108,10 @@ class _Profile:
 
 def _top(at: Float64[np.ndarray, "3"], heights: Float64[np.ndarray, "3"]) -> tuple[float, float]:
     """Returns the maximum of the parabola through three evenly spaced points, and its implied standard deviation."""
-    step, middle = at[1] - at[0], at[1]
-    slope, bend = (heights[2] - heights[0]) / (2 * step), (heights[2] - 2 * heights[1] + heights[0]) / step**2
+    step = at[1] - at[0]
+    middle = at[1]
+    slope = (heights[2] - heights[0]) / (2 * step)
+    bend = (heights[2] - 2 * heights[1] + heights[0]) / step**2
     if bend >= 0:  # no maximum here: undetermined
         return float(at[heights.argmax()]), 1.0
     return float(middle - slope / bend), float(1 / np.sqrt(-bend))
@@ -190,7 +193,8 @@ def _vertex(at: np.ndarray, heights: np.ndarray) -> float:
 
 _LEAST_CORNERS = 24  # fewest corners of a usable picture
 # share of a pair's tracks that make it a clear one; clear pairs in a row, after which one that is not may be bridged
-_MOST, _CLEAR_BEFORE = 0.7, 8
+_MOST = 0.7
+_CLEAR_BEFORE = 8
 _CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 
 

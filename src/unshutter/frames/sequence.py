@@ -119,7 +119,8 @@ class CameraMotion:
             self._find_ratio(shot)
         if self.ratio is None and not ended and waiting < (SEARCHED if shot.still else _PATIENCE):
             return
-        core, most = self.window.core, self.window.core + self.window.ahead
+        core = self.window.core
+        most = self.window.core + self.window.ahead
         while shot.waiting and (ended or len(shot.waiting) >= most):
             many = len(shot.waiting) if len(shot.waiting) <= most and ended else core
             fit, reason = self._fit(shot, many)
@@ -127,7 +128,8 @@ class CameraMotion:
             for frame in shot.waiting[:many]:
                 index = frame.at - start
                 ratio = self.ratio.value if self.ratio else 0.0
-                size, place = (frame.height, frame.width), (shot.number, shot.scene)
+                size = (frame.height, frame.width)
+                place = (shot.number, shot.scene)
                 tracks = frame.tracks if self.whole_path else None
                 known = self.turns, frame.time_s, frame.after, tracks, self._focal, self.lens
                 yield FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)

@@ -57,7 +57,10 @@ def solve_banded(
     n = len(right)
     edges = [*range(0, n, block), n]
     parts = [slice(a, b) for a, b in pairwise(edges)]
-    x, left, solved, before = right.copy(), [], [], parts[0]
+    x = right.copy()
+    left = []
+    solved = []
+    before = parts[0]
     for part, following in zip(parts, [*parts[1:], slice(n, n)], strict=True):
         above = matrix[part, following]
         left.append(matrix[part, part] if not left else matrix[part, part] - matrix[before, part].T @ solved[-1])
@@ -123,9 +126,11 @@ class Smoothing:
 
     def _within(self, room: Room, own: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Returns the corrections within their room, by the interior-point method."""
-        A, b = room.sides, np.maximum(room.px, _LEAST_ROOM)
+        A = room.sides
+        b = np.maximum(room.px, _LEAST_ROOM)
         c = np.zeros_like(right)
-        slack, force = np.maximum(b, 1.0), np.ones_like(b)
+        slack = np.maximum(b, 1.0)
+        force = np.ones_like(b)
         for _ in range(_ROUNDS):
             gap = float((slack * force).mean())
             r_dual = self._bent(c) + self.weights * c - right + _weighted(A, force)
@@ -139,17 +144,21 @@ class Smoothing:
             d_slack = -r_room - _reach(A, d_c)
             d_force = _CENTRING * gap / slack - force - pull * d_slack
             step = min(_longest(slack, d_slack), _longest(force, d_force))
-            c, slack, force = c + step * d_c, slack + step * d_slack, force + step * d_force
+            c = c + step * d_c
+            slack = slack + step * d_slack
+            force = force + step * d_force
         return c
 
     # ---- the banded equations ----------------------------------------------------------------------------
 
     def _bands(self) -> np.ndarray:
         """[3, frames] diagonals of the quadratic form of the second differences, from the main one upwards."""
-        n, gaps = len(self.times), np.diff(self.times)
+        n = len(self.times)
+        gaps = np.diff(self.times)
         bands = np.zeros((3, n))
         if n > 2:
-            before, after = 1 / gaps[:-1], 1 / gaps[1:]
+            before = 1 / gaps[:-1]
+            after = 1 / gaps[1:]
             parts = (before, -(before + after), after)
             for k, one in enumerate(parts):
                 for j, other in enumerate(parts[k:]):
@@ -167,15 +176,18 @@ class Smoothing:
 
     def _solved(self, own: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Solves (quadratic form + each frame's own matrix [frames, 3, 3]) x = right, by blocks of frames."""
-        bands, n = self._bands(), len(right)
+        bands = self._bands()
+        n = len(right)
         starts = list(range(0, n, _BLOCK))
         if len(starts) > 1 and n - starts[-1] < 2:
             starts.pop()  # a block may only be coupled to its neighbours
         ends = [*starts[1:], n]
-        carried, values = np.zeros((0, 0)), np.zeros(0)
+        carried = np.zeros((0, 0))
+        values = np.zeros(0)
         solved: list[np.ndarray] = []
         for start, end in zip(starts, ends, strict=True):
-            matrix, side = self._block(bands, own, start, end), right[start:end].reshape(-1, 1)
+            matrix = self._block(bands, own, start, end)
+            side = right[start:end].reshape(-1, 1)
             if solved:
                 matrix[:_EDGE, :_EDGE] -= carried
                 side = side.copy()
@@ -186,8 +198,10 @@ class Smoothing:
             both = np.linalg.solve(matrix, np.concatenate([side, onward], axis=1))
             solved.append(both)
             if end < n:
-                values, carried = corner.T @ both[-_EDGE:, 0], corner.T @ both[-_EDGE:, 1:]
-        x, following = np.empty((n, 3)), np.zeros(0)
+                values = corner.T @ both[-_EDGE:, 0]
+                carried = corner.T @ both[-_EDGE:, 1:]
+        x = np.empty((n, 3))
+        following = np.zeros(0)
         for start, end, both in zip(reversed(starts), reversed(ends), reversed(solved), strict=True):
             part = both[:, 0] - both[:, 1:] @ following
             x[start:end], following = part.reshape(-1, 3), part[:_EDGE]

@@ -323,7 +323,8 @@ class Candidate:
         up = np.array(scene_up(self.orientation, self.motion.readout))
         right = np.array([-up[1], up[0]])
         scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
-        sideways, upwards = float(scene @ right), float(scene @ up)
+        sideways = float(scene @ right)
+        upwards = float(scene @ up)
         if abs(sideways) >= abs(upwards):
             return "left" if sideways > 0 else "right"
         return "down" if upwards > 0 else "up"

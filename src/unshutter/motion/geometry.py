@@ -51,8 +51,10 @@ def rs_to_gs(
         (array([8.]), array([5.]))
     """
     xp = namespace(rz)
-    cos, sin = xp.cos(rz), xp.sin(rz)
-    x, y = col - center[0] - tx, row - center[1]
+    cos = xp.cos(rz)
+    sin = xp.sin(rz)
+    x = col - center[0] - tx
+    y = row - center[1]
     return x * cos + y * sin + center[0], y * cos - x * sin + center[1]
 
 
@@ -87,9 +89,11 @@ def gs_to_rs(
         array([[100.],
                [240.]])
     """
-    x, y = col - center[0], row - center[1]
+    x = col - center[0]
+    y = row - center[1]
     v = constant(row + 0.0 * col)  # broadcast
-    x_const, y_const = constant(x), constant(y)
+    x_const = constant(x)
+    y_const = constant(y)
     for _ in range(steps - 1):
         residual, slope = _row_residual(v, x_const, y_const, row_motion, center[1])
         v = constant(v - residual / slope)
@@ -103,7 +107,8 @@ def gs_to_rs(
 def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_row: Any) -> tuple[Array, Array]:
     _, rz, rz_slope = row_motion(v)
     xp = namespace(rz)
-    cos, sin = xp.cos(rz), xp.sin(rz)
+    cos = xp.cos(rz)
+    sin = xp.sin(rz)
     residual = v - (x * sin + y * cos + center_row)
     return residual, 1.0 - (x * cos - y * sin) * rz_slope
 
@@ -153,7 +158,8 @@ def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) 
     last = tx.shape[0] - 1
 
     def look_up(samples: Array, below: Array, above: Array, weight: Array) -> Array:
-        low, high = take(samples, below), take(samples, above)
+        low = take(samples, below)
+        high = take(samples, above)
         return low + (high - low) * weight
 
     def row_motion(v: Array) -> tuple[Array, Array, Array]:
@@ -303,13 +309,15 @@ class RowMotion(Motion, kind="rows"):
 
     def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
-        col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
+        col = np.asarray(col, dtype=np.float64)
+        row = np.asarray(row, dtype=np.float64)
         tx, rz, _ = self.at(row)
         return rs_to_gs(col, row, tx, rz, self.center)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
-        col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
+        col = np.asarray(col, dtype=np.float64)
+        row = np.asarray(row, dtype=np.float64)
         return gs_to_rs(col, row, self.at, self.center)
 
     def check_unfolded(self) -> None:
@@ -326,10 +334,12 @@ class RowMotion(Motion, kind="rows"):
         the scene moved in that time.
         """
         rows = np.arange(self.height, dtype=np.float64)
-        middle_col, middle_row = (self.width - 1) / 2, (self.height - 1) / 2
+        middle_col = (self.width - 1) / 2
+        middle_row = (self.height - 1) / 2
         col, row = self.rs_to_gs(middle_col + np.array([[-0.5], [0.0], [0.5]]), rows[None])  # [3, H]
         angle = -np.unwrap(np.arctan2(row[2] - row[0], col[2] - col[0]))
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
         slope_col, slope_row, turning = (slope(values) for values in (col[1], row[1], angle))
         # on the row itself, minus the effect of the rotation about the centre
         across = -(slope_col * cos - slope_row * sin) + turning * (rows - middle_row)

@@ -22,7 +22,8 @@ from unshutter.version import __version__
 MOST_SIDE = 1_000_000  # px
 MOST_SHIFT_PX = 1e6
 MOST_TURN_RAD = 2 * math.pi
-LEAST_FOCAL_PX, MOST_FOCAL_PX = 1e-3, 1e9
+LEAST_FOCAL_PX = 1e-3
+MOST_FOCAL_PX = 1e9
 
 
 def read_only(values: Any, dtype: type = np.float64) -> np.ndarray:

@@ -47,7 +47,9 @@ def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
         array([0., 1., 0.])
     """
     xp = namespace(vectors)
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    x = vectors[..., 0]
+    y = vectors[..., 1]
+    z = vectors[..., 2]
     square = x * x + y * y + z * z
     small = square < _SMALL**2
     angle = xp.sqrt(xp.where(small, xp.ones_like(square), square))
@@ -171,7 +173,8 @@ def rotated_gs_to_rs(
     """
     xp = namespace(row)
     v = constant(row)
-    col_const, row_const = constant(col), constant(row)
+    col_const = constant(col)
+    row_const = constant(row)
     for _ in range(steps - 1):
         residual, slope = _row_residual(v, col_const, row_const, row_rotation, focal_px, center, lens)
         step = constant(residual / slope)
@@ -206,7 +209,8 @@ def _turned(
 ) -> tuple[Array, Array, Array]:
     """Returns R d for the directions d of positions; z is NaN where a straight lens would have it behind the camera."""
     xp = namespace(rotation)
-    dx, dy = (col - center[0]) / focal_px, (row - center[1]) / focal_px
+    dx = (col - center[0]) / focal_px
+    dy = (row - center[1]) / focal_px
     if lens is not None:
         x, y, z = np.einsum("...ij,j...->i...", rotation, np.stack(lens.direction(dx, dy)))
         return x, y, z
@@ -325,7 +329,8 @@ class RotationMotion(Motion, kind="rotations"):
             if slope.min() <= 0:
                 raise UnshutterError(_FOLDED)
             return
-        x, y = np.array([[-reach], [reach]]) / self.focal_px, (row - self.center[1]) / self.focal_px
+        x = np.array([[-reach], [reach]]) / self.focal_px
+        y = (row - self.center[1]) / self.focal_px
         # rows by which a point at (x, y) moves while one row is read; linear in x, so the two ends suffice
         speed = self.focal_px * (wz * x - wx * (1 + y * y) + wy * x * y)
         if speed.max() >= 1:
@@ -341,7 +346,9 @@ class RotationMotion(Motion, kind="rotations"):
         The central ray (0, 0, 1) moves by the rates (w_x, w_y, w_z) x (0, 0, 1).
         """
         rates = slope(self._matrices) @ self._matrices.transpose(0, 2, 1)
-        wx, wy, wz = rates[:, 2, 1], rates[:, 0, 2], rates[:, 1, 0]
+        wx = rates[:, 2, 1]
+        wy = rates[:, 0, 2]
+        wz = rates[:, 1, 0]
         return wz, self.focal_px * np.stack([wy, -wx], axis=-1)
 
     @cached_property

@@ -81,22 +81,26 @@ class Pose:
         Both are readout frames of height x width. Positions that the camera had behind it become NaN.
         """
         matrix = np.linalg.inv(self._homography) if back else self._homography
-        x, y = (np.asarray(col, float) - (width - 1) / 2) / height, (np.asarray(row, float) - (height - 1) / 2) / height
+        x = (np.asarray(col, float) - (width - 1) / 2) / height
+        y = (np.asarray(row, float) - (height - 1) / 2) / height
         x, y, z = (m[0] * x + m[1] * y + m[2] for m in matrix)
         z = np.where(z > 0, z, np.nan)
         return height * x / z + (width - 1) / 2, height * y / z + (height - 1) / 2
 
     def largest_px(self, height: int, width: int) -> float:
         """Largest displacement [px] of a corner of a picture of height x width."""
-        col, row = np.array([0.0, width - 1.0] * 2), np.array([0.0] * 2 + [height - 1.0] * 2)
+        col = np.array([0.0, width - 1.0] * 2)
+        row = np.array([0.0] * 2 + [height - 1.0] * 2)
         there = self.leaning(col, row, height, width)
         return float(np.nan_to_num(np.hypot(there[0] - col, there[1] - row), nan=np.inf).max())
 
     @property
     def _homography(self) -> np.ndarray:
         """[3, 3] from the upright picture to the leaning one; centred positions, in rows."""
-        turn, tilt = math.atan2(self.up[0], -self.up[1]), math.radians(self.tilt_deg or 0.0)
-        cos, sin = math.cos(tilt), math.sin(tilt)
+        turn = math.atan2(self.up[0], -self.up[1])
+        tilt = math.radians(self.tilt_deg or 0.0)
+        cos = math.cos(tilt)
+        sin = math.sin(tilt)
         lifted = np.array([[1, 0, 0], [0, cos, sin], [0, -sin, cos]])
         rotation = _about_axis(turn - math.radians(self.roll_deg)) @ lifted @ _about_axis(-turn)
         placed = np.diag([1 / cos, 1 / cos, 1.0])  # or it would be wider by 1 / cos
@@ -107,5 +111,6 @@ class Pose:
 
 def _about_axis(angle: float) -> np.ndarray:
     """[3, 3] clockwise rotation about the viewing axis [rad]."""
-    cos, sin = math.cos(angle), math.sin(angle)
+    cos = math.cos(angle)
+    sin = math.sin(angle)
     return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])

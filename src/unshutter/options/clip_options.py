@@ -191,7 +191,8 @@ class MeasureClips:
 
 def _check_span(start: float | None, end: float | None) -> None:
     """Raises UsageError if a part of a clip ends before it begins."""
-    first, last = start or 0.0, math.inf if end is None else end
+    first = start or 0.0
+    last = math.inf if end is None else end
     if not 0 <= first < _LONGEST_S or not (last > first and (end is None or last < _LONGEST_S)):
         raise UsageError("{--start} must be 0 or later, and {--end} after it, in seconds")
 

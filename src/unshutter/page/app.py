@@ -63,7 +63,9 @@ def application(
     desk: Desk, token: str, port: int, tabs: Tabs | None = None, patience_s: float = _PATIENCE_S
 ) -> ASGIApp:
     """Builds the ASGI application for the whole server."""
-    photo, clip, save = "/api/photos/{id}", "/api/clips/{id}", "/api/saves/{id}"
+    photo = "/api/photos/{id}"
+    clip = "/api/clips/{id}"
+    save = "/api/saves/{id}"
     routes = [
         *_files(),
         Route("/api/about", _about),
@@ -152,7 +154,8 @@ async def _before_photo(request: Request) -> Response:
 
 
 async def _after_photo(request: Request) -> Response:
-    options, is_draft = _photo_options(request), request.query_params.get("draft") == "1"
+    options = _photo_options(request)
+    is_draft = request.query_params.get("draft") == "1"
     return _shown(*await _do(request, _urgency(request), photo_jobs.after, options, _longest(request), is_draft))
 
 
@@ -167,8 +170,10 @@ async def _segments(request: Request) -> Response:
 
 async def _picture(request: Request) -> Response:
     """The rectified photo as a file, exactly as the command line would write it."""
-    open_file, options = _open_file(request), _photo_options(request)
-    name, format = open_file.name, options.save.format
+    open_file = _open_file(request)
+    options = _photo_options(request)
+    name = open_file.name
+    format = options.save.format
     names = [photo_result(name, format), unchanged_name(PurePosixPath(name), format)]
     token = secrets.token_hex(6)
     targets = [
@@ -185,7 +190,8 @@ async def _picture(request: Request) -> Response:
 
 async def _motion(request: Request) -> Response:
     """The photo's motion as JSON, in the format of ``unshutter estimate``."""
-    open_file, options = _open_file(request), _photo_options(request)
+    open_file = _open_file(request)
+    options = _photo_options(request)
     if options.neighbours:
         raise UsageError("with neighbours, there may be no single motion: leave them out to save one")
     text = await _do(request, Urgency.NOW, photo_jobs.estimate, options)
@@ -254,7 +260,8 @@ async def _json(request: Request) -> dict[str, Any]:
 
 
 def _wishes(desk: Desk, body: dict[str, Any]) -> tuple[To, list[Item]]:
-    to, photos = body.get("to"), body.get("photos")
+    to = body.get("to")
+    photos = body.get("photos")
     if to not in ("file", "zip"):
         raise UsageError("'to' takes file or zip")
     if not isinstance(photos, list) or not photos:
@@ -336,7 +343,8 @@ async def _do(request: Request, urgency: Urgency, job: Callable[..., R], *argume
 
 async def _do_while_wanted(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: Any) -> R:
     """Runs a long job, and stops it once nobody waits for its answer any more."""
-    work, gone = asyncio.create_task(_do(request, urgency, job, *arguments)), asyncio.ensure_future(request.receive())
+    work = asyncio.create_task(_do(request, urgency, job, *arguments))
+    gone = asyncio.ensure_future(request.receive())
     while not work.done():
         await asyncio.wait({work, gone}, return_when=asyncio.FIRST_COMPLETED)
         if gone.done() and gone.result()["type"] == "http.disconnect":

@@ -140,7 +140,8 @@ def _camera_of(
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
     """Returns the time of a moment [s]: the middle of one of MOMENTS equal parts."""
-    start, end = options.start or 0.0, min(options.end or clip.duration_s, clip.duration_s)
+    start = options.start or 0.0
+    end = min(options.end or clip.duration_s, clip.duration_s)
     return start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
 
 
@@ -218,7 +219,8 @@ def _pairs(
     rendering = Rendering(request, camera, Undo() if declined is None else Leave(declined))
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
-    warper, frames = Warper(clip, part.undo), round((last - first) / clip.interval_s)
+    warper = Warper(clip, part.undo)
+    frames = round((last - first) / clip.interval_s)
     for number, moving in enumerate(rendering.moving(frames_of(clip, first, last))):
         scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
         height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))

@@ -151,7 +151,8 @@ def after(
     computed.
     """
     with errors_of(open_file, neighbour_names(options.neighbours)):
-        asked, photo = options.rectify, opened(open_file)
+        asked = options.rectify
+        photo = opened(open_file)
         if asked.neighbours:
             pixels, result = _rectify_between(open_file, photo, asked, longest)
         else:
@@ -175,13 +176,16 @@ def _rectify_alone(
     verdict = judge(finding.fit(height, width) if draft else finding, undo)
     if draft:
         verdict = replace(verdict, largest_px=verdict.largest_px * photo.height / height)
-    result, edges = {**verdict_json(verdict), **_finding_json(verdict)}, undo.edges
+    result = {**verdict_json(verdict), **_finding_json(verdict)}
+    edges = undo.edges
     if not verdict.changes:
         return pixels, result
-    motion, upright = verdict.motion, verdict.upright
+    motion = verdict.motion
+    upright = verdict.upright
     if not draft:
         decision = edge_decision(motion, edges, upright)
-        result, edges = result | _edges_json(decision, full, photo.orientation), decision.edges
+        result = result | _edges_json(decision, full, photo.orientation)
+        edges = decision.edges
         motion = motion.resized(*motion.readout.frame_size(height, width))
     return straighten(pixels, motion, "keep" if edges == "keep" else "fill", upright=upright).pixels, result
 
@@ -193,7 +197,8 @@ def _rectify_between(
     from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
     from unshutter.motion.grid import EdgePolicy, valid_window
 
-    policy, frames = EdgePolicy(options.undo.edges), options.neighbours
+    policy = EdgePolicy(options.undo.edges)
+    frames = options.neighbours
     undo = replace(options.undo, edges="fill") if policy.may_crop else options.undo
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal_px = options.find.camera.focal_px or photo.focal_px()
@@ -249,7 +254,9 @@ def _shape(motion: Motion) -> dict[str, float]:
     The lean is the angle by which the change in t_x from the first row to the last slants vertical lines; the bend, the
     deviation of t_x at the middle row from the line between those two; the turn, r_z of the last row minus the first's.
     """
-    tx, rz, rows = motion.tx_px, motion.rz_rad, motion.height
+    tx = motion.tx_px
+    rz = motion.rz_rad
+    rows = motion.height
     bend = (tx[(rows - 1) // 2] + tx[rows // 2]) / 2 - (tx[0] + tx[-1]) / 2
     lean_deg, turn_deg = (math.degrees(angle) for angle in (math.atan((tx[-1] - tx[0]) / rows), rz[-1] - rz[0]))
     return {"lean_deg": lean_deg, "bend_percent": 100 * float(bend) / rows, "turn_deg": turn_deg}
@@ -333,7 +340,8 @@ def _adjust(finding: Finding, hand: ByHand) -> Finding:
     from unshutter.motion.finding import Finding
 
     motion = finding.motion
-    shape, u = _shape(motion), np.linspace(0, 1, motion.height)
+    shape = _shape(motion)
+    u = np.linspace(0, 1, motion.height)
     wanted = shape | {name: value for name in shape if (value := getattr(hand, name)) is not None}
     lean = math.tan(math.radians(wanted["lean_deg"])) - math.tan(math.radians(shape["lean_deg"]))
     bend, turn = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))

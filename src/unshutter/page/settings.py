@@ -28,7 +28,8 @@ LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 _MOST_MB = 100_000
 _PHOTO_MB, _CLIP_MB = 400, 4000  # one minute of 4K video from a phone takes about 400 MB
-_YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
+_YES = ("true", "1", "on", "yes")
+_NO = ("false", "0", "off", "no", "")
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 
 
@@ -196,7 +197,8 @@ def page_module() -> str:
     """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values;
     and ``films``, the endings of films' names.
     """
-    choices, known = {"estimator": {"enum": names()}}, {"camera": sorted({mode.name for mode in table()})}
+    choices = {"estimator": {"enum": names()}}
+    known = {"camera": sorted({mode.name for mode in table()})}
     lines = ["// Made by the program from its one description of options (page/settings.py).\n"]
     for word, kind in (("photo", PhotoOptions), ("clip", RectifyClip)):
         described = {

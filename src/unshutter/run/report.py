@@ -277,7 +277,8 @@ def _advice(verdict: Verdict) -> str:
 MOST_PHOTOS = 500  # per sheet
 _ACROSS = 3  # photos per row
 _GAP = 8  # px; larger for a large single photo
-_WHITE, _BLACK = [255.0], (0, 0, 0)
+_WHITE = [255.0]
+_BLACK = (0, 0, 0)
 
 
 class Preview:

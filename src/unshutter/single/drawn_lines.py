@@ -172,7 +172,8 @@ class Bends:
     def offsets(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, P] distances of all inner points [rows]."""
         point, one, other = (each.rectified(unknowns[:, MOTION]) for each in (self._inner, *self._ends))
-        dx, dy = other.col - one.col, other.row - one.row
+        dx = other.col - one.col
+        dy = other.row - one.row
         across = dx * (point.row - one.row) - dy * (point.col - one.col)
         return across / np.maximum(np.hypot(dx, dy), _LEAST_LENGTH)
 
@@ -201,7 +202,8 @@ class DrawnLikelihood(ManhattanLikelihood):
 
     def residuals(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, M] how far lines are from what they are to be, in standard deviations."""
-        angles, offsets = self.directions.angles(unknowns), self._bends.offsets(unknowns)
+        angles = self.directions.angles(unknowns)
+        offsets = self._bends.offsets(unknowns)
         return np.concatenate([angles / _SIGMA_ANGLE, offsets / _SIGMA_BEND], axis=1)
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:

@@ -82,11 +82,13 @@ class View:
     def attitude(self) -> Attitude:
         """Returns the camera's attitude: each angle as stated, or else the photo's own, or else None."""
         own = self.photo.attitude or Attitude(None, None, "")
-        roll, tilt = self.camera.roll_deg, self.camera.tilt_deg
+        roll = self.camera.roll_deg
+        tilt = self.camera.tilt_deg
         if roll is None and tilt is None:
             return own
         kept = own.tilt_deg if tilt is None else own.roll_deg if roll is None else None
-        roll, tilt = own.roll_deg if roll is None else roll, own.tilt_deg if tilt is None else tilt
+        roll = own.roll_deg if roll is None else roll
+        tilt = own.tilt_deg if tilt is None else tilt
         return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.readout)
 
     def attitude_deg(self) -> tuple[float | None, float | None]:

@@ -113,9 +113,11 @@ def camera_from(
         found: what was found earlier in the same clip.
         steps: counts the parts that are searched for the readout time.
     """
-    interval_s, stated = request.clip.interval_s, request.options.shutter.readout_time(request.clip.interval_s)
+    interval_s = request.clip.interval_s
+    stated = request.options.shutter.readout_time(request.clip.interval_s)
     lens = lens_of_clip(request, evidence) if found is None else found.lens
-    request, evidence = replace(request, lens=lens), evidence.through(lens)
+    request = replace(request, lens=lens)
+    evidence = evidence.through(lens)
     tag = request.clip.camera.readout if stated is None else None
     gyro = gyro_in_survey(request, evidence, log, stated or tag) if isinstance(log, GyroLog) else log
     time = stated or (found and found.readout) or (gyro and gyro.readout_time)
@@ -205,7 +207,8 @@ def parts_to_survey(
     """Returns begin and end of the parts of a clip that tell its camera and what undoing its motion gains [s]; and what
     they are for, at least: ``SEARCH``, ``GYRO``, ``GAIN`` or ``LENS``.
     """
-    shutter, interval_s = request.options.shutter, request.clip.interval_s
+    shutter = request.options.shutter
+    interval_s = request.clip.interval_s
     stated = shutter.readout_time(interval_s)
     if stated is None and found is None:
         listed = None if request.clip.camera.is_stabilised else _listed_time(request)

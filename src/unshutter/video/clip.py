@@ -59,7 +59,8 @@ class Coding:
     @classmethod
     def of(cls, file: FilmFile) -> Coding:
         """Returns what an open file states."""
-        film, context = file.film, file.film.codec_context
+        film = file.film
+        context = file.film.codec_context
         return cls(
             name=context.name,
             tag=context.codec_tag,
@@ -163,14 +164,18 @@ def look(path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_
         ends_with_log = _ends_with_log(stream)
         camera, can_take_film = (CameraTags(), False) if movie is None else (CameraTags.of(movie), mp4.can_take(movie))
         with containers.read_by_ffmpeg(stream, place) as file:
-            film, container, context = file.film, file.container, file.film.codec_context
+            film = file.film
+            container = file.container
+            context = file.film.codec_context
             _check_size(place, film.width, film.height, max_pixels)
             if context.field_order not in _PROGRESSIVE:
                 raise interlaced(place)
-            pixels, kind = PixelFormat.of(context.format), container.format.name
+            pixels = PixelFormat.of(context.format)
+            kind = container.format.name
             length = film.duration * film.time_base if film.duration else (container.duration or 0) / 1_000_000
             begun = _Beginning.read(file, until_s)
-            interval_s, times = begun.times.interval_s(film), begun.times
+            interval_s = begun.times.interval_s(film)
+            times = begun.times
             if film.frames > 1 and 0 < length < interval_s:
                 raise UnshutterError("{clip} is damaged: the times of its frames cannot be right", clip=place)
             if "SPHERICAL" in begun.side_data:
@@ -220,7 +225,9 @@ class _Beginning:
     @classmethod
     def read(cls, file: FilmFile, until_s: float | None) -> _Beginning:
         """Reads packets up to a time [s] or, if that is None, to the end of the file; and decodes the first frame."""
-        begun, first_dts, has_frame = cls(), None, False
+        begun = cls()
+        first_dts = None
+        has_frame = False
         for packet in file.packets():
             of_film = file.is_of_film(packet)
             begun.extent.add(packet, of_film)
@@ -308,7 +315,9 @@ class ClipRequest:
 
     def steps(self, what: str) -> Steps:
         """Returns a counter for the frames of the selected part, as many as the file states; at least 2."""
-        start, end, clip = self.options.start, self.options.end, self.clip
+        start = self.options.start
+        end = self.options.end
+        clip = self.clip
         frames = clip.frames
         if start is not None or end is not None or not frames:
             last = min(end or clip.duration_s, clip.duration_s or math.inf)

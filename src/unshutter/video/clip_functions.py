@@ -196,16 +196,19 @@ def _rectified(frames: Iterator[np.ndarray], camera: CameraMotion, undo: ClipUnd
 def _steady(
     frames: Iterable[np.ndarray], camera: CameraMotion, undo: ClipUndo, steadiness: Steadiness, fps: float
 ) -> Iterator[np.ndarray]:
-    path, last = None, None
+    path = None
+    last = None
     for frame, motion in _with_motion(iter(frames), camera):
         height, width = camera.readout.frame_size(*frame.shape[:2])
         path = path or CameraPath(undo, camera.readout, width / height, camera.lens)
-        small, cut = small_finding(motion), last is not None and motion.scene != last.scene
+        small = small_finding(motion)
+        cut = last is not None and motion.scene != last.scene
         path.add(small, motion.step_from(last), cut, len(path) / fps)
         last = motion
     if path is None:
         return
-    steady, scratch = stabilised(path, steadiness, 1 / fps), Scratch()
+    steady = stabilised(path, steadiness, 1 / fps)
+    scratch = Scratch()
     for k, frame in enumerate(frames):
         if k == len(path):
             raise UsageError("the second pass has more frames than the first")
@@ -217,7 +220,8 @@ def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator
     first = next(frames, None)
     if first is None:
         return
-    camera.window, searched = window_for(first.nbytes), camera.ratio is None
+    camera.window = window_for(first.nbytes)
+    searched = camera.ratio is None
     looked_at: list[np.ndarray] = []
     waiting: deque[np.ndarray] = deque()
 
@@ -257,7 +261,8 @@ def _undone(
     motion = motion.rereferenced(undo.reference).scaled(undo.strength)
     if motion.is_zero and view is None:
         return frame
-    pixels, out = np.ascontiguousarray(frame), np.empty(frame.shape, frame.dtype)
+    pixels = np.ascontiguousarray(frame)
+    out = np.empty(frame.shape, frame.dtype)
     limit = int(np.iinfo(frame.dtype).max)
     for rows, positions in FrameMap.of(motion, frame.shape[0], frame.shape[1], view).positions(1, 1, scratch):
         warp_plane(pixels, positions, out[rows], [0] * 4 if undo.edges == "keep" else None, limit)

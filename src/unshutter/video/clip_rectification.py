@@ -58,14 +58,16 @@ def rectify_clip_file(
     rendering = Rendering(request, camera, plan, straight=straight_view(request) if options.straight_lines else None)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
-    steady, straight = rendering.stabilisation, rendering.straight
+    steady = rendering.stabilisation
+    straight = rendering.straight
     if steady is not None and not steady.is_idle:
         film = replace(film, may_be_copy=False)
     if isinstance(rendering.plan, Leave) and film.may_be_copy:
         written = _copy(rendering, film, rendering.plan)
     else:
         written = _write(rendering, film)
-    tally, aspect = written.tally, request.frame_size[1] / request.frame_size[0]
+    tally = written.tally
+    aspect = request.frame_size[1] / request.frame_size[0]
     outcome = ClipOutcome(
         source=source,
         output=output,
@@ -107,7 +109,8 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
         The clip's path and the result's; the log, if requested; and whether leftovers of an earlier, killed run were
         removed there.
     """
-    path, target = _on_this_machine(source), Path(_on_this_machine(output))
+    path = _on_this_machine(source)
+    target = Path(_on_this_machine(output))
     files = RunFiles(options, reads=[Path(path)])
     files.writes("--output", target)
     files.check(target)
@@ -176,7 +179,8 @@ class _Written:
 
 def _copy(rendering: Rendering, film: _Output, plan: Leave) -> _Written:
     """Copies a clip in which nothing changes, unless the user wants no output then; but damage is not copied."""
-    request, options = rendering.request, rendering.request.options
+    request = rendering.request
+    options = rendering.request.options
     tally = Tally()
     tally.frames = sum(1 for _ in watched(rendering)) if plan.frames is None else plan.frames
     tally.reasons[plan.reason] = tally.frames
@@ -188,8 +192,10 @@ def _copy(rendering: Rendering, film: _Output, plan: Leave) -> _Written:
 
 def _write(rendering: Rendering, film: _Output) -> _Written:
     """Writes the film, or copies the clip if nothing changes and the user wants nothing else of it."""
-    request, options = rendering.request, rendering.request.options
-    clip, warper = request.clip, Warper(request.clip, options.undo)
+    request = rendering.request
+    options = rendering.request.options
+    clip = request.clip
+    warper = Warper(request.clip, options.undo)
     if warper.undo.edges == "crop":
         with closing(watched(rendering)) as moving:
             warper = replace(warper, window=common_window(warper, moving))
@@ -202,10 +208,12 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
         return is_changed() or not options.only_changed
 
     with ExitStack() as stack:
-        part, motions = stack.enter_context(written_whole(film.target, options.overwrite, is_wanted=is_wanted)), None
+        part = stack.enter_context(written_whole(film.target, options.overwrite, is_wanted=is_wanted))
+        motions = None
         if options.save_motion is not None:
             motions = stack.enter_context(_writing_motions(rendering, options.save_motion, is_wanted))
-        source, frames_file = stack.enter_context(clip.opened()), None
+        source = stack.enter_context(clip.opened())
+        frames_file = None
         if film.into_copy or holds_covers(film.kind, clip):
             frames_file = stack.enter_context(tempfile.TemporaryFile(dir=film.target.parent))
         container = stack.enter_context(writing(frames_file or part, film.kind, clip.ticks))

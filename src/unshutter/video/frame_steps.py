@@ -84,13 +84,15 @@ class FrameSteps:
         leans = []
         speeds = []
         for k in range(len(self._pairs) - 1):
-            here, following = self._pairs[k], self._pairs[k + 1]
+            here = self._pairs[k]
+            following = self._pairs[k + 1]
             if here is not None and following is not None:
                 leans.append(self._leans[k])
                 speeds.append((here[0].shift + following[0].shift) / 2)
         if len(leans) < _FEWEST:
             return np.nan
-        lean, speed = np.array(leans), np.array(speeds)
+        lean = np.array(leans)
+        speed = np.array(speeds)
         size = float(np.sqrt((lean**2).sum() * (speed**2).sum()))
         moves = float(np.sqrt((speed**2).sum(axis=1).mean())) > _MOVES_PX * self.rows / 1080
         return float((lean * speed).sum()) / size if size > 0 and moves else np.nan

@@ -107,7 +107,8 @@ class Gain:
             self.steps.add(None, None, now.lean)
             return
         self._add_step(_Undone.of(before, undo), now, motion.tracks)
-        was, tracks = _Undone.of(before, undo), motion.tracks.split(_KEPT_OUT)[1]
+        was = _Undone.of(before, undo)
+        tracks = motion.tracks.split(_KEPT_OUT)[1]
         if len(tracks) < _FEWEST or (now.reason and was.reason):
             return
         focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
@@ -159,7 +160,8 @@ def _examined(
     request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, parts: Iterable[Sequence[TrackedFrame]]
 ) -> Gain:
     """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
-    gain, focal_px = Gain(), None
+    gain = Gain()
+    focal_px = None
     for part in parts:
         before = None
         finder = camera_motion(request, time, turns, whole_path=True, keep_out=_KEPT_OUT, focal_px=focal_px)
@@ -181,7 +183,8 @@ class _Undone:
 
     @classmethod
     def of(cls, motion: FrameMotion, undo: ClipUndo) -> _Undone:
-        found, size = small_finding(motion), (motion.height, motion.width)
+        found = small_finding(motion)
+        size = (motion.height, motion.width)
         small = found.motion
         undone = small.rereferenced(undo.reference).scaled(undo.strength)
         ends = small.width - 1, small.height - 1

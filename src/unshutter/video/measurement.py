@@ -54,7 +54,8 @@ class ClipMeasurement:
 
     def as_json(self) -> dict[str, Any]:
         """Returns the measurement, ready for JSON."""
-        time, shown = self.readout, self.shown
+        time = self.readout
+        shown = self.shown
         known = None if time is None else time.ratio(self.interval_s)
         return {
             "clips": list(self.clips),

@@ -55,7 +55,9 @@ class MotionWriter:
     """Writes a motion file frame by frame."""
 
     def __init__(self, stream: TextIO, request: ClipRequest, time: ReadoutTime):
-        self._stream, self._separator, clip = stream, "", request.clip
+        self._stream = stream
+        self._separator = ""
+        clip = request.clip
         ratio = time.ratio(clip.interval_s)
         head = {
             "format": FORMAT,
@@ -115,7 +117,8 @@ def load(path: Path) -> ClipMotion:
 
 def _parsed(data: dict[str, Any]) -> ClipMotion:
     readout = Readout.parse(data["readout"])
-    height, width = int(data["height"]), int(data["width"])
+    height = int(data["height"])
+    width = int(data["width"])
     ratio = float(data["readout_ratio"])
     if not 0 < ratio <= 1 or not 0 < height < 1 << 20 or not 0 < width < 1 << 20:
         raise ValueError("numbers out of range")
@@ -149,7 +152,8 @@ def _step(frame: dict[str, Any]) -> Step | None:
     record = frame.get("step")
     if record is None:
         return None
-    turn, focal = np.array(record["turn_rad"], np.float64), record["focal"]
+    turn = np.array(record["turn_rad"], np.float64)
+    focal = record["focal"]
     if turn.shape != (3,) or not np.isfinite(turn).all():
         raise ValueError("a turn that is not three numbers")
     return Step(turn, np.nan if focal is None else float(focal))

@@ -48,7 +48,8 @@ class Tally:
             self.rectified += 1
         else:
             self.reasons[moving.found.reason or Reason(Code.NO_MOTION)] += 1
-        time_s, motion = moving.frame.time or 0.0, moving.motion
+        time_s = moving.frame.time or 0.0
+        motion = moving.motion
         if moving.cut:
             self.cuts_s.append(round(time_s, 3))
         is_rotation = isinstance(motion, RotationMotion)
@@ -129,7 +130,8 @@ class ClipOutcome:
 
     def as_json(self) -> dict[str, Any]:
         """Returns the record of the run for the log."""
-        plausible, ratio = self.readout.plausible_ms, self.ratio
+        plausible = self.readout.plausible_ms
+        ratio = self.ratio
         return {
             "source": self.source,
             "output": self.output,

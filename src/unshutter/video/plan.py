@@ -65,7 +65,8 @@ def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Pla
     """
     if evidence.is_whole and not evidence.parts:
         raise UnshutterError(NO_FRAMES, clip=request.clip.path)
-    time, options = camera.readout, request.options
+    time = camera.readout
+    options = request.options
     frames = len(evidence.parts[0]) if evidence.is_whole else None
     if time.declined is not None:
         return Leave(time.declined, frames)

@@ -54,7 +54,8 @@ def _motion_of_pair(frame: TrackedFrame) -> PairMotion | None:
     if plane is None or not plane.joined:
         return None
     tracks = plane.tracks
-    start, end = straightened(tracks.start, tracks), straightened(tracks.end, tracks)
+    start = straightened(tracks.start, tracks)
+    end = straightened(tracks.end, tracks)
     return PairMotion.of(replace(tracks, start=start, end=end))
 
 
@@ -84,7 +85,8 @@ def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None =
 
 def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
     """Returns the ratio on which the parts of a clip agree."""
-    values, errors = np.array([part.value for part in parts]), np.array([part.error for part in parts])
+    values = np.array([part.value for part in parts])
+    errors = np.array([part.error for part in parts])
     weights = 1 / errors**2
     order = np.argsort(values)
     middle = values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)]
@@ -152,10 +154,13 @@ def too_little_to_see(request: ClipRequest, evidence: Survey, longest_s: float) 
     """
     undo = request.options.undo
     reach = longest_s / request.clip.interval_s * undo.strength * (0.5 if undo.reference == "middle" else 1.0)
-    largest, frames, lost = 0.0, 0, 0
+    largest = 0.0
+    frames = 0
+    lost = 0
     for frame in evidence.frames:
         frames += 1
-        tracks, plane = frame.tracks, frame.background
+        tracks = frame.tracks
+        plane = frame.background
         if tracks is None or plane is None:
             continue
         lost += not plane.joined

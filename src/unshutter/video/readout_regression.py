@@ -41,7 +41,9 @@ _ROUNDS = 8  # of reweighting
 _SURE, _NONE = 6.0, 0.05  # t above which a readout is certain; ratio below which there is none
 _NONE_ERROR = 0.02  # largest standard error of a ratio that is none
 # t above which a ratio is likely, and the largest error that it may have; error at which any readout would show
-_LIKELY, _LIKELY_ERROR, _WOULD_SHOW = 3.0, 0.1, 0.15
+_LIKELY = 3.0
+_LIKELY_ERROR = 0.1
+_WOULD_SHOW = 0.15
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,14 @@ class PairMotion:
     @classmethod
     def of(cls, tracks: Tracks) -> PairMotion | None:
         """Returns the motion that most tracks support, or None if they are too few, or all in a narrow strip."""
-        start, moved = tracks.start, tracks.end - tracks.start
+        start = tracks.start
+        moved = tracks.end - tracks.start
         half = (tracks.height - 1) / 2
         if len(start) < _FEWEST_TRACKS or np.ptp(start[:, 1]) < 2 * _LEAST_SPREAD * half:
             return None
         x, y = ((start - [(tracks.width - 1) / 2, half]) / half).T
-        none, one = np.zeros_like(x), np.ones_like(x)
+        none = np.zeros_like(x)
+        one = np.ones_like(x)
         across = np.stack([one, x, y, none, none, none, x * x, x * y], axis=1)
         down = np.stack([none, none, none, one, x, y, x * y, y * y], axis=1)
         rows = np.stack([across, down], axis=1)  # [tracks, 2, 8]
@@ -127,7 +131,9 @@ def runs_of(pairs: Iterable[tuple[PairMotion | None, float | None]], aspect: flo
             continue
         if len(motions) >= _SHORTEST_RUN:
             runs.append(Run.of(motions, gaps, aspect))
-        motions, gaps, repeated = [], [], 0.0
+        motions = []
+        gaps = []
+        repeated = 0.0
     return runs
 
 

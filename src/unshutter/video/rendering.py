@@ -56,7 +56,8 @@ class Rendering:
 
     def moving(self, frames: Iterator[VideoFrame]) -> Generator[MovingFrame]:
         """Yields frames with their motion."""
-        clip, options = self.request.clip, self.request.options
+        clip = self.request.clip
+        options = self.request.options
         if self.straight is not None:
             return self._straightened(replace(self, straight=None).moving(frames))
         decoded = ahead(frames, clip.most_ahead(DECODED_AHEAD))
@@ -78,7 +79,8 @@ class Rendering:
         with closing(frames):
             for number, frame in enumerate(frames):
                 if self.stabilisation is not None:
-                    path, view = self.stabilisation.path, self.stabilisation.view(number)
+                    path = self.stabilisation.path
+                    view = self.stabilisation.view(number)
                     found = unchanged or path.finding(number)
                     yield MovingFrame(frame, found, path.cuts[number], step=path.middle_steps[number], view=view)
                 elif unchanged is not None:
@@ -89,7 +91,8 @@ class Rendering:
 
     def rectified(self, warper: Warper, frames: Iterator[VideoFrame]) -> Generator[NewFrame]:
         """Yields the frames to encode."""
-        request, undo = self.request, self.request.options.undo
+        request = self.request
+        undo = self.request.options.undo
         moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
         if undo.model == "dense" and undo.strength and isinstance(self.plan, Undo):
             ratio = self.camera.readout.ratio(request.clip.interval_s)
@@ -113,7 +116,8 @@ def straight_view(request: ClipRequest) -> StraightView:
 
 def with_steady_views(rendering: Rendering) -> Rendering:
     """Returns how a clip is rendered stabilised, after a first pass that determines the camera's path."""
-    request, options = rendering.request, rendering.request.options
+    request = rendering.request
+    options = rendering.request.options
     turns = level_turns(rendering.camera.gyro) if options.steadiness.level else None
     undo = replace(options.undo, strength=0.0) if isinstance(rendering.plan, Leave) else options.undo
     height, width = request.frame_size
@@ -134,7 +138,8 @@ def with_steady_views(rendering: Rendering) -> Rendering:
 
 def watched(rendering: Rendering) -> Generator[MovingFrame]:
     """Yields the frames with their motion, reporting progress for each: a pass before that which writes the film."""
-    steps, options = rendering.request.steps("looking"), rendering.request.options
+    steps = rendering.request.steps("looking")
+    options = rendering.request.options
     decoded = frames_of(rendering.request.clip, options.start, options.end)
     with closing(rendering.moving(decoded)) as frames:
         for moving in frames:

@@ -241,7 +241,8 @@ class _Scene:
             stiffness: stiffness of the path (:func:`stiffness_for`).
             zoom: zoom at which no border may show; None for no such constraint.
         """
-        turns, unit = np.zeros_like(self.steps), self.focal * _ROWS
+        turns = np.zeros_like(self.steps)
+        unit = self.focal * _ROWS
         for _ in range(_ROUNDS):
             weights = np.ones_like(turns)
             target = np.zeros_like(turns)
@@ -264,13 +265,15 @@ class _Scene:
 
     def within(self, turns: np.ndarray, zoom: float) -> np.ndarray:
         """Returns the rotations, reduced where the border would still show."""
-        low, high = np.zeros(len(turns)), np.ones(len(turns))
+        low = np.zeros(len(turns))
+        high = np.ones(len(turns))
         over = self.needed(turns) > zoom
         optics = self.focal, zoom, self.aspect, self.lens
         for _ in range(_SHRINKS if over.any() else 0):
             middle = (low + high) / 2
             fits = margins(self.borders, turns * middle[:, None], *optics)[0].min(axis=1) >= 0
-            low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+            low = np.where(fits, middle, low)
+            high = np.where(fits, high, middle)
         return np.where(over, low, 1.0)[:, None] * turns
 
     def _path(self, turns: np.ndarray) -> np.ndarray:
