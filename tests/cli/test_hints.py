@@ -195,6 +195,9 @@ NOT_FOLLOWED = {
     "unknown kind of line": "from Python and the page, which send lines themselves",
     "page/": "for programs that send requests: tests/page",
     # files and programs that are not here
+    "holds no COLMAP model": "a model: tests/poses/test_pose_files.py",
+    "has no number in": "a model: tests/poses/test_row_poses.py",
+    "motion files of pictures do not say when": "a model: tests/poses/test_row_poses.py",
     "is an input of this run: choose another folder": "a folder of results that a link leads to: tests/storage",
     "the frames have too little in common": "frames of two scenes: tests/frames/test_neighbours.py",
     "cannot read motions of kind": "a package that is not installed",

@@ -142,7 +142,7 @@ def test_rows_follow_the_gyro(kind, most_px):
         finder = CameraMotion(ReadoutRatio(0.6), hand_held.FOCAL, turns=turns)
         at = np.meshgrid(np.linspace(10, 310, 9), np.linspace(10, 170, 17))
         off = [
-            np.hypot(*np.subtract(motion.motion("middle").gs_to_rs(*at), camera.motion(k, "middle").gs_to_rs(*at)))
+            np.hypot(*np.subtract(motion.finding("middle").motion.gs_to_rs(*at), camera.motion(k, "middle").gs_to_rs(*at)))
             for k, motion in enumerate(finder.motions(frames))
         ]
         return float(np.sqrt(np.mean(np.square(off))))

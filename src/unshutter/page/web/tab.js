@@ -23,11 +23,14 @@ const { id, given } = takeId();
  */
 export async function stay(take, refuse) {
   addEventListener("pagehide", () => close(TABS, id));
-  const report = () => ask(`${TABS}/${id}`, { method: "POST" }).catch(() => {}); // the page says why, in other places
-  addEventListener("pageshow", (event) => event.persisted && report());
+  const report = async () => {
+    const answer = await ask(`${TABS}/${id}`, { method: "POST" });
+    await answer.text(); // a request ends with its answer
+  };
+  addEventListener("pageshow", (event) => event.persisted && report().catch(() => {}));
   if (given) openFiles(take, refuse).catch(() => {});
   for (;;) {
-    await report();
+    await report().catch(() => {}); // the page says why, in other places
     await rest(EVERY_MS);
   }
 }
