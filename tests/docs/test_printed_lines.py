@@ -13,7 +13,6 @@ from unshutter.photo import Photo
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-PAGES = sorted((ROOT / "docs" / "tutorial").glob("*.md"))
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
@@ -26,6 +25,14 @@ def blocks(page: Path) -> Iterator[tuple[str, list[str]]]:
 def commands(lines: list[str]) -> list[list[str]]:
     """The words of each line that calls unshutter, without comments."""
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("unshutter ")]
+
+
+def commands_of(page: Path) -> list[list[str]]:
+    """The words of each call of unshutter on a page."""
+    return [words for language, lines in blocks(page) if language == "sh" for words in commands(lines)]
+
+
+PAGES = [page for page in sorted((ROOT / "docs" / "tutorial").glob("*.md")) if commands_of(page)]
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +51,10 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_pages_with_commands_are_found() -> None:
+    assert {"first-photo", "burst", "clip", "no-change"} <= {page.stem for page in PAGES}
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_print_what_the_page_shows(
@@ -53,7 +64,7 @@ def test_commands_print_what_the_page_shows(
     shutil.copytree(material, folder)
     monkeypatch.chdir(folder)
     printed = ""
-    for words in (words for language, lines in blocks(page) if language == "sh" for words in commands(lines)):
+    for words in commands_of(page):
         code = main(words)
         printed += "".join(capsys.readouterr())
         assert code == 0, f"{shlex.join(words)}\n{printed}"
