@@ -63,7 +63,8 @@ class FrameSteps:
         Args:
             before: motion of the picture since the previous frame; None if it is unknown, or there is none.
             after: the same, with the motion undone.
-            lean: displacement of the frame's last row against its middle (across, down) that is undone [px].
+            lean: displacement of the frame's last row against its middle (across, down) that is undone [heights of
+                the frame].
         """
         self._pairs.append(None if before is None or after is None else (before, after))
         self._leans.append(lean)

@@ -106,8 +106,8 @@ class Gain:
         if before is None or before.shot != motion.shot or motion.tracks is None:
             self.steps.add(None, None, now.lean)
             return
-        self._add_step(_Undone.of(before, undo), now, motion.tracks)
         was = _Undone.of(before, undo)
+        self._add_step(was, now, motion.tracks)
         tracks = motion.tracks.split(_KEPT_OUT)[1]
         if len(tracks) < _FEWEST or (now.reason and was.reason):
             return
@@ -123,7 +123,7 @@ class Gain:
         """Adds a frame to those whose steps are compared."""
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         self.steps.rows = min(tracks.height, tracks.width)
-        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean * tracks.height)
+        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean)
 
 
 def wobble(tracks: Tracks, focal_px: float) -> float:

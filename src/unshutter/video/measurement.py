@@ -176,13 +176,12 @@ def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
             raise UnshutterError(f"{first.clips[0]} and {each.clips[0]} differ in the size or rate of their frames")
     shown = regression([run for each in measured for run in each.runs])
     px = measured[0].px
-    stated = next(
-        (each for each in every if each.readout is not None and each.how not in ("regression", "search")), None
-    )
+    times = [each.readout for each in every if each.readout is not None]
+    stated = next((each for each in times if each.source is not ReadoutSource.FRAMES), None)
     names = tuple(name for each in every for name in each.clips)
     direction = next((each.direction for each in every if each.direction is not None), Readout.TOP_TO_BOTTOM)
-    if stated is not None and stated.readout is not None:
-        time = stated.readout
+    if stated is not None:
+        time = stated
     elif shown is not None and (shown.is_sure or shown.is_likely):
         time = shown.readout.seconds(first.interval_s)
     else:

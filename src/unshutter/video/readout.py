@@ -42,10 +42,10 @@ def runs_in_survey(evidence: Survey) -> list[Run]:
     """Returns the pairs of consecutive frames whose motion is known."""
     runs: list[Run] = []
     for part in evidence.parts:
-        for frame in part[1:2]:
-            if frame.tracks is not None:
-                aspect = frame.tracks.height / frame.tracks.width
-                runs += runs_of([(_motion_of_pair(each), each.since) for each in part[1:]], aspect)
+        later = part[1:]
+        tracks = later[0].tracks if later else None
+        if tracks is not None:
+            runs += runs_of([(_motion_of_pair(each), each.since) for each in later], tracks.height / tracks.width)
     return runs
 
 
