@@ -12,7 +12,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-OF_TOOLS = {"all", "dev", "docs"}  # extras that add no library of the product
+OF_TOOLS = {"all", "app", "dev", "docs"}  # extras that add no library of the product
 PINNED = {"torch", "unshutter"}
 # what the libraries ask for in turn: pip chooses
 CHOSEN_BY_PIP = {"anyio", "dask", "h11"}
