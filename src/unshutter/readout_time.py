@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
-from unshutter.reasons import Reason
+from unshutter.reasons import JsonObject, Reason
 
 _DIGITS = 12  # after the point, so that a ratio is still the same after it was a time
 
@@ -102,7 +101,7 @@ class ReadoutTime:
         """The longest plausible time [s]; equal to the usual one if that is known."""
         return self.plausible_s[1] if self.plausible_s else self.seconds
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns all fields, ready for JSON, as read by :meth:`from_json`."""
         return {
             "seconds": self.seconds,
@@ -116,7 +115,7 @@ class ReadoutTime:
         }
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> ReadoutTime:
+    def from_json(cls, data: JsonObject) -> ReadoutTime:
         """Reads the data written by :meth:`as_json`."""
         return cls(
             seconds=data["seconds"],

@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
+
+JsonObject: TypeAlias = dict[str, Any]  # name -> value; whoever reads one from a file checks the values
 
 
 class Cause(StrEnum):
@@ -175,7 +177,7 @@ class Reason:
         return cls.of(Code.STATED, sentence=sentence)
 
     @classmethod
-    def from_json(cls, data: Any) -> Reason:
+    def from_json(cls, data: JsonObject) -> Reason:
         """Reads the output of :meth:`as_json`; a reason with an unknown code keeps its sentence."""
         code = str(data["code"])
         figures = dict(data["figures"])
@@ -201,9 +203,19 @@ class Reason:
         """The reason as an English sentence."""
         return self.code.sentence.format(**dict(self.figures))
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns code, figures and sentence for use by programs."""
         return {"code": str(self.code), "figures": dict(self.figures), "sentence": str(self)}
+
+
+def known_values(values: JsonObject) -> JsonObject:
+    """Returns the values that are known: not None."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def rounded(number: float | None, digits: int) -> float | None:
+    """Returns a number as it is written; None if it is unknown."""
+    return None if number is None else round(number, digits)
 
 
 def pixels(px: float) -> str:

@@ -32,7 +32,7 @@ from unshutter.motion.shapes import Float, Float32, Float64, UInt8
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
 _DESCENTS = 25
 _REFINEMENTS = 5
-_NO_SECOND_MAP: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an empty array as a map
+NO_ARRAY: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an empty array as a map
 _CONSISTENT = 1.5  # px: forward-backward error
 _CORNERS = 600
 _QUALITY, _DISTANCE = 0.005, 5  # of corners: share of the best one's strength; px between them
@@ -80,7 +80,7 @@ def pixel_grid(height: int, width: int) -> Float32[np.ndarray, "height width 2"]
 
 def bilinear(field: np.ndarray, positions: Float32[np.ndarray, "rows cols 2"]) -> np.ndarray:
     """Interpolates a field [h, w, ...] bilinearly at positions, replicating its border."""
-    return cv2.remap(field, positions, _NO_SECOND_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(field, positions, NO_ARRAY, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def inside(positions: Float32[np.ndarray, "rows cols 2"], height: int, width: int) -> np.ndarray:

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from unshutter.frames.camera import ROWS, Fit, turn_jacobian
+from unshutter.frames.flow import NO_ARRAY
 from unshutter.frames.tracks import follow
 from unshutter.motion.shapes import Float64, UInt8
 
@@ -59,9 +59,9 @@ class Matches:
 
 def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]) -> Placement | None:
     """Locates a photo in a frame by SIFT features; returns None if they do not show the same scene."""
-    sift: Any = cv2.SIFT.create(_FEATURES, contrastThreshold=_CONTRAST)
-    in_photo, of_photo = sift.detectAndCompute(photo, None)
-    in_frame, of_frame = sift.detectAndCompute(frame, None)
+    sift = cv2.SIFT.create(_FEATURES, contrastThreshold=_CONTRAST)
+    in_photo, of_photo = sift.detectAndCompute(photo, NO_ARRAY)
+    in_frame, of_frame = sift.detectAndCompute(frame, NO_ARRAY)
     if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < _FEWEST:
         return None
     pairs = cv2.BFMatcher().knnMatch(of_photo, of_frame, k=2)

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from unshutter.motion.motion_file import number_of
 from unshutter.motion.upright import Angle, Pose
 from unshutter.options import Camera, Reference
 from unshutter.orientation import scene_up
-from unshutter.reasons import MOST_STATED, MotionSource, Reason, as_stated, pixels
+from unshutter.reasons import MOST_STATED, JsonObject, MotionSource, Reason, as_stated, known_values, pixels, rounded
 from unshutter.version import __version__
 
 
@@ -159,16 +159,15 @@ class Finding:
             "declined": self.reason and self.reason.as_json(),
             "attitude": self._attitude_json() if self.attitude_from else None,
             "exposure_s": self.exposure_s,
-            "expected_error": _rounded(self.expected_error, 6),
+            "expected_error": rounded(self.expected_error, 6),
             "kinds": {name: round(share, 4) for name, share in self.kind_shares} or None,
             "film": self.film and self.film.as_json(),
             "held": self.held and asdict(self.held),
             "held_at_rest": self.held_at_rest and asdict(self.held_at_rest),
         }
-        known = {name: value for name, value in optional.items() if value is not None}
-        return json.dumps(self.motion.as_data(answer) | known)
+        return json.dumps(self.motion.as_data(answer) | known_values(optional))
 
-    def _attitude_json(self) -> dict[str, Any]:
+    def _attitude_json(self) -> JsonObject:
         angles = {"roll": self.roll, "tilt": self.tilt}
         data = {f"{name}_deg": angle and angle.deg for name, angle in angles.items()} | {"from": self.attitude_from}
         stated = {name: angle is not None and angle.stated for name, angle in angles.items()}
@@ -205,7 +204,7 @@ _SOURCES = {
 }
 
 
-def _answer_of(data: dict[str, Any]) -> dict[str, Any]:
+def _answer_of(data: JsonObject) -> JsonObject:
     """Returns what a motion file says about its motion, by the names of attributes."""
     name = visible(str(data.get("estimator", "given")))
     attitude = dict(data.get("attitude") or {})
@@ -299,13 +298,13 @@ class Candidate:
         chance = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
         return replace(self, finding=self.finding.as_stated(most), probability=chance)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""
         return {
             "kind": self.kind,
             "description": self.description,
-            "probability": _rounded(self.probability, 4),
-            "expected_error_px": _rounded(self.expected_error_px, 2),
+            "probability": rounded(self.probability, 4),
+            "expected_error_px": rounded(self.expected_error_px, 2),
             "motion": json.loads(self.finding.to_json()),
         }
 
@@ -342,7 +341,3 @@ def candidates_to_json(candidates: Iterable[Candidate]) -> str:
     """Returns the candidates of a photo as JSON text, numbered as users select them."""
     listed = [{"number": number, **each.as_json()} for number, each in enumerate(candidates, 1)]
     return json.dumps({"format": "unshutter-candidates/1", "candidates": listed})
-
-
-def _rounded(number: float | None, digits: int) -> float | None:
-    return None if number is None else round(number, digits)

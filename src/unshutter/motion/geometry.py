@@ -16,18 +16,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Unpack, final
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import motion_file
 from unshutter.motion.motion import BEYOND, Motion, interpolated, matching_rows, row_index, slope
-from unshutter.motion.motion_file import numbers
-from unshutter.motion.shapes import Float, Float64, Numbers, Real
+from unshutter.motion.motion_file import Common, Keywords, numbers
+from unshutter.motion.shapes import Array, ArrayLike, Float, Float64, Numbers, Real
 from unshutter.options import Reference, check_strength
+from unshutter.reasons import JsonObject
 
-Array = Any
 # (row) -> (t_x, r_z, d r_z / d row), each with the shape of row
 MotionAtRow = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -104,7 +104,7 @@ def gs_to_rs(
     return x * xp.cos(rz) - y * xp.sin(rz) + tx + center[0], v
 
 
-def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_row: Any) -> tuple[Array, Array]:
+def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_row: float) -> tuple[Array, Array]:
     _, rz, rz_slope = row_motion(v)
     xp = namespace(rz)
     cos = xp.cos(rz)
@@ -113,7 +113,7 @@ def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_
     return residual, 1.0 - (x * cos - y * sin) * rz_slope
 
 
-def namespace(a: Array) -> Any:
+def namespace(a: Array) -> Array:
     """Returns the array API functions for an array. NumPy 2 implements it; wrapping NumPy would take 60 ms to import.
 
     Examples:
@@ -178,8 +178,8 @@ def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) 
 def row_motion_from_polynomial(
     tx_coefficients: Float[Array, "*#batch tx_terms"],
     rz_coefficients: Float[Array, "*#batch rz_terms"],
-    first: Any,
-    last: Any,
+    first: Array | float,
+    last: Array | float,
 ) -> MotionAtRow:
     """Evaluates row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
 
@@ -248,13 +248,18 @@ class RowMotion(Motion, kind="rows"):
     # ---- constructors ----------------------------------------------------------------------------------
 
     @classmethod
-    def zero(cls, height: int, width: int, **common: Any) -> RowMotion:
+    def zero(cls, height: int, width: int, **common: Unpack[Keywords]) -> RowMotion:
         """Returns zero motion; ``common`` sets further attributes (reference, readout)."""
         return cls(width, np.zeros(height), np.zeros(height), **common)
 
     @classmethod
     def from_polynomials(
-        cls, tx_coefficients: Sequence[float], rz_coefficients: Sequence[float], height: int, width: int, **common: Any
+        cls,
+        tx_coefficients: Sequence[float],
+        rz_coefficients: Sequence[float],
+        height: int,
+        width: int,
+        **common: Unpack[Keywords],
     ) -> RowMotion:
         """Returns a motion whose t_x [px] and r_z [rad] are polynomials in u = row / (height - 1).
 
@@ -275,7 +280,7 @@ class RowMotion(Motion, kind="rows"):
         height: int,
         width: int,
         degree: int | None = None,
-        **common: Any,
+        **common: Unpack[Keywords],
     ) -> RowMotion:
         """Returns a motion from samples at some rows (at least two, in increasing order).
 
@@ -307,14 +312,14 @@ class RowMotion(Motion, kind="rows"):
         """Whether rectifying with this motion leaves the picture unchanged."""
         return not (self.tx_px.any() or self.rz_rad.any())
 
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
+    def rs_to_gs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
         col = np.asarray(col, dtype=np.float64)
         row = np.asarray(row, dtype=np.float64)
         tx, rz, _ = self.at(row)
         return rs_to_gs(col, row, tx, rz, self.center)
 
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
+    def gs_to_rs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
         col = np.asarray(col, dtype=np.float64)
         row = np.asarray(row, dtype=np.float64)
@@ -404,11 +409,11 @@ class RowMotion(Motion, kind="rows"):
 
     # ---- file format -----------------------------------------------------------------------------------
 
-    def _own_data(self) -> dict[str, Any]:
+    def _own_data(self) -> JsonObject:
         return {"center_shift_px": self.center_shift_px} if self.center_shift_px else {}
 
     @classmethod
-    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> RowMotion:
+    def _of_data(cls, data: JsonObject, common: Common) -> RowMotion:
         return cls(
             tx_px=numbers(data["tx_px"]),
             rz_rad=numbers(data["rz_rad"]),

@@ -15,11 +15,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, visible
+from unshutter.reasons import JsonObject
+
+Angles = TypeVar("Angles", float, np.ndarray)  # from the axis [rad]
+Vectors: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 _ANGLES = np.linspace(0, np.pi, 1025)  # rad
 _LEAST_SLOPE = 0.1  # of r: where it grows by less, the model has left the lens; beyond, r grows evenly
@@ -72,26 +76,26 @@ class Lens:
 
     # ---- angle and distance ------------------------------------------------------------------------------
 
-    def distance(self, angle: Any) -> Any:
+    def distance(self, angle: np.ndarray) -> np.ndarray:
         """Returns the distance from the axis [focal lengths] at which an angle from it [rad] is seen; any shape."""
         inside = np.minimum(angle, self._limit)
         return self._polynomial(inside) + self._slope(inside) * (angle - inside)
 
-    def angle(self, distance: Any) -> Any:
+    def angle(self, distance: np.ndarray | float) -> np.ndarray:
         """Returns the angle [rad] seen at a distance; the inverse of :meth:`distance`, by Newton's method."""
-        angle = np.interp(distance, self._distances, _ANGLES[: len(self._distances)])
+        angle = np.asarray(np.interp(distance, self._distances, _ANGLES[: len(self._distances)]))
         for _ in range(2):
             angle = angle - (self._polynomial(angle) - distance) / self._slope(angle)
         last = self._distances[-1]
         beyond = self._limit + (distance - last) / self._slope(self._limit)
         return np.where(distance > last, beyond, angle)
 
-    def _polynomial(self, angle: Any) -> Any:
+    def _polynomial(self, angle: Angles) -> Angles:
         k1, k2, k3, k4 = self.k
         s = angle * angle
         return angle * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
 
-    def _slope(self, angle: Any) -> Any:
+    def _slope(self, angle: Angles) -> Angles:
         k1, k2, k3, k4 = self.k
         s = angle * angle
         return 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
@@ -108,7 +112,7 @@ class Lens:
 
     # ---- positions and directions ------------------------------------------------------------------------
 
-    def direction(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    def direction(self, x: np.ndarray, y: np.ndarray) -> Vectors:
         """Returns the unit vectors (right, down, forward) that are seen at positions."""
         x = x - self.shift[0]
         y = y - self.shift[1]
@@ -117,12 +121,12 @@ class Lens:
         scale = np.where(distance > _SMALL, np.sin(angle) / np.maximum(distance, _SMALL), 1.0)
         return x * scale, y * scale, np.cos(angle)
 
-    def position(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+    def position(self, x: np.ndarray, y: np.ndarray, z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Returns the positions at which directions, of any length, are seen."""
         _, across, _ = self._of_direction(x, y, z)
         return x * across + self.shift[0], y * across + self.shift[1]
 
-    def slopes(self, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    def slopes(self, x: np.ndarray, y: np.ndarray, z: np.ndarray | float) -> tuple[Vectors, Vectors]:
         """Returns how the columns and the rows of positions change with the three parts of unit vectors."""
         side, across, angle = self._of_direction(x, y, z)
         outward = self._slope(np.minimum(angle, self._limit))
@@ -133,20 +137,20 @@ class Lens:
             (u * v * more, across + v * v * more, -y * outward),
         )
 
-    def _of_direction(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    def _of_direction(self, x: np.ndarray, y: np.ndarray, z: np.ndarray | float) -> Vectors:
         """Returns a direction's part across the axis, its distance in the picture per that part, and its angle."""
         side = np.hypot(x, y)
         angle = np.arctan2(side, z)
         across = np.where(side > _SMALL, self.distance(angle) / np.maximum(side, _SMALL), 1.0)
         return side, across, angle
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the lens for motion files and logs."""
         numbers = {"focal_heights": self.focal, "fisheye_k": list(self.k), "axis_shift": list(self.shift)}
         return {**numbers, "source": self.source, "error": self.error}
 
     @classmethod
-    def of_json(cls, data: dict[str, Any]) -> Lens:
+    def of_json(cls, data: JsonObject) -> Lens:
         """Reads what :meth:`as_json` wrote; raises KeyError, TypeError or ValueError if it is something else."""
         right, down = map(float, data["axis_shift"])
         found = visible(str(data.get("source", ""))), float(data.get("error", 0.0))

@@ -9,16 +9,18 @@ from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property, partial
 from importlib import import_module
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from unshutter import errors
 from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.motion import motion_file
-from unshutter.motion.shapes import Float, Float64, Numbers
+from unshutter.motion.motion_file import Common
+from unshutter.motion.shapes import ArrayLike, Float, Float64, Numbers
 from unshutter.options import Reference
 from unshutter.orientation import Readout
+from unshutter.reasons import JsonObject
 
 BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
 
@@ -55,7 +57,7 @@ def slope(values: Float[np.ndarray, "rows *rest"]) -> Float[np.ndarray, "rows *r
     return np.gradient(values, axis=0, edge_order=2 if len(values) > 2 else 1)
 
 
-def positions(col: object, row: object) -> tuple[Float64[np.ndarray, "*at"], Float64[np.ndarray, "*at"]]:
+def positions(col: ArrayLike, row: ArrayLike) -> tuple[Float64[np.ndarray, "*at"], Float64[np.ndarray, "*at"]]:
     """Returns two float64 arrays broadcast to a common shape."""
     col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
     return col, row
@@ -125,11 +127,11 @@ class Motion(ABC):
         """Whether rectifying with this motion leaves the picture unchanged."""
 
     @abstractmethod
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
+    def rs_to_gs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps RS positions [px] of the readout frame to GS positions [px]."""
 
     @abstractmethod
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
+    def gs_to_rs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps GS positions [px] of the readout frame to RS positions [px]."""
 
     @abstractmethod
@@ -176,12 +178,12 @@ class Motion(ABC):
         """Checks the attributes specific to this kind and makes its arrays read-only; called first on construction."""
 
     @abstractmethod
-    def _own_data(self) -> dict[str, Any]:
+    def _own_data(self) -> JsonObject:
         """Returns the JSON keys specific to this kind, which the motion file adds to the common ones."""
 
     @classmethod
     @abstractmethod
-    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> Self:
+    def _of_data(cls, data: JsonObject, common: Common) -> Self:
         """Builds the motion from the contents of a motion file."""
 
     # ---- shared by all kinds ---------------------------------------------------------------------------
@@ -205,9 +207,9 @@ class Motion(ABC):
         return float(np.hypot(moved[0] - col, moved[1] - row).max())
 
     @property
-    def common(self) -> dict[str, Any]:
+    def common(self) -> Common:
         """Attributes shared by all kinds, by name."""
-        return {field.name: getattr(self, field.name) for field in fields(Motion)}
+        return Common(width=self.width, reference=self.reference, readout=self.readout)
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -231,7 +233,7 @@ class Motion(ABC):
         """Returns the motion as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions), as given."""
         return json.dumps(self.as_data(motion_file.GIVEN))
 
-    def as_data(self, answer: dict[str, Any]) -> dict[str, Any]:
+    def as_data(self, answer: JsonObject) -> JsonObject:
         """Returns the keys of a motion file in order, with those of an answer about the motion among them."""
         largest = self.largest_px
         return {
@@ -260,7 +262,7 @@ class Motion(ABC):
             return Motion.of_data(motion_file.parsed(text))
 
     @staticmethod
-    def of_data(data: dict[str, Any]) -> Motion:
+    def of_data(data: JsonObject) -> Motion:
         """Returns the motion in the contents of a motion file, of the stored kind; call it inside ``reading``.
 
         Raises:
@@ -302,8 +304,8 @@ class Motion(ABC):
         return motion_file.load(path, Motion.from_json)
 
 
-def _same(one: Any, other: Any) -> bool:
-    return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+def _same(one: object, other: object) -> bool:
+    return np.array_equal(one, other) if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) else one == other
 
 
 def _import_method(name: str) -> None:

@@ -8,13 +8,15 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypedDict, TypeVar, cast
 
 import numpy as np
 
 from unshutter.errors import MissingFileError, UnshutterError, visible
+from unshutter.motion.shapes import ArrayLike
+from unshutter.options import Reference
 from unshutter.orientation import Readout
-from unshutter.reasons import Reason
+from unshutter.reasons import JsonObject, Reason
 from unshutter.storage.files import check_motion_name, check_target, read_text, written_whole
 from unshutter.version import __version__
 
@@ -26,7 +28,20 @@ LEAST_FOCAL_PX = 1e-3
 MOST_FOCAL_PX = 1e9
 
 
-def read_only(values: Any, dtype: type = np.float64) -> np.ndarray:
+class Keywords(TypedDict, total=False):
+    """Optional attributes of all kinds of motion, see :class:`Motion`."""
+
+    reference: Reference
+    readout: Readout
+
+
+class Common(Keywords):
+    """Attributes of all kinds of motion."""
+
+    width: int
+
+
+def read_only(values: ArrayLike, dtype: type = np.float64) -> np.ndarray:
     """Returns a read-only copy of an array."""
     array = np.array(values, dtype=dtype)
     array.setflags(write=False)
@@ -41,20 +56,20 @@ def check_size(height: int, width: int) -> None:
         raise UnshutterError(f"the motion is for a picture of more than {MOST_SIDE} px a side, which is too large")
 
 
-def check_finite(*values: Any) -> None:
+def check_finite(*values: ArrayLike) -> None:
     """Raises UnshutterError if an array or number contains NaN or infinity."""
     if not all(np.isfinite(value).all() for value in values):
         raise UnshutterError("the motion contains values that are not finite numbers")
 
 
-def check_lengths(*lengths_px: Any) -> None:
+def check_lengths(*lengths_px: ArrayLike) -> None:
     """Raises UnshutterError if an array or number is not a plausible displacement [px]."""
     check_finite(*lengths_px)
     if any(np.abs(length).max() > MOST_SHIFT_PX for length in lengths_px):
         raise UnshutterError(f"no camera moves a picture by more than {MOST_SHIFT_PX:.0f} px while it is read")
 
 
-def check_turns(*turns_rad: Any) -> None:
+def check_turns(*turns_rad: ArrayLike) -> None:
     """Raises UnshutterError if an array or number is not a plausible rotation angle of a camera [rad]."""
     check_finite(*turns_rad)
     if any(np.abs(turn).max() > MOST_TURN_RAD for turn in turns_rad):
@@ -85,7 +100,7 @@ FORMAT = "unshutter-motion/1"
 GIVEN = {"estimator": "given", "confidence": None, "unshutter": __version__}
 
 
-def parsed(text: str) -> dict[str, Any]:
+def parsed(text: str) -> JsonObject:
     """Parses a motion file into its keys and values; call it inside :func:`reading`."""
     data = json.loads(text)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
@@ -93,23 +108,20 @@ def parsed(text: str) -> dict[str, Any]:
     return data
 
 
-def whole(number: Any) -> int:
+def whole(number: float) -> int:
     """Returns a whole number of rows or columns; raises ValueError for any other."""
     if int(number) != number:
         raise ValueError(f"{number:g} is not a whole number of rows or columns")
     return int(number)
 
 
-def common_of(data: dict[str, Any]) -> dict[str, Any]:
+def common_of(data: JsonObject) -> Common:
     """Returns the attributes shared by all kinds of motion."""
-    return {
-        "width": whole(data["width"]),
-        "reference": str(data.get("reference", "first")),
-        "readout": Readout.parse(data.get("readout", "auto")),
-    }
+    reference = cast(Reference, str(data.get("reference", "first")))  # which the motion checks
+    return Common(width=whole(data["width"]), reference=reference, readout=Readout.parse(data.get("readout", "auto")))
 
 
-def reason_of(data: dict[str, Any]) -> Reason | None:
+def reason_of(data: JsonObject) -> Reason | None:
     """Returns why there is no motion; versions before 1.1 wrote only the sentence."""
     if "declined" in data:
         return Reason.from_json(data["declined"])
@@ -117,12 +129,12 @@ def reason_of(data: dict[str, Any]) -> Reason | None:
     return Reason.stated(sentence) if sentence else None
 
 
-def number_of(value: Any) -> float | None:
+def number_of(value: float | None) -> float | None:
     """Returns a number, or None for null; raises TypeError or ValueError for anything else."""
     return None if value is None else float(value)
 
 
-def numbers(values: Any) -> np.ndarray:
+def numbers(values: ArrayLike) -> np.ndarray:
     """Converts nested lists from a file to an array; raises ValueError or TypeError if they are not numeric."""
     return np.array(values, dtype=np.float64)
 

@@ -20,18 +20,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import motion_file
-from unshutter.motion.geometry import Array, constant, namespace, take
+from unshutter.motion.geometry import constant, namespace, take
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion import BEYOND, Motion, matching_rows, positions, row_index, slope
-from unshutter.motion.motion_file import numbers
-from unshutter.motion.shapes import Float, Float64, Numbers
+from unshutter.motion.motion_file import Common, numbers
+from unshutter.motion.shapes import Array, ArrayLike, Float, Float64, Numbers
 from unshutter.options import Reference, check_strength
+from unshutter.reasons import JsonObject
 
 # (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape as row
 RowRotation = Callable[[Array], tuple[Array, Array]]
@@ -310,11 +311,11 @@ class RotationMotion(Motion, kind="rotations"):
         """Whether rectifying with this motion leaves the picture unchanged."""
         return not self.rotations.any()
 
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
+    def rs_to_gs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
         return rotated_rs_to_gs(*positions(col, row), self._rotation_at, self.focal_px, self.center, self.lens)
 
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
+    def gs_to_rs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
         return rotated_gs_to_rs(*positions(col, row), self._rotation_at, self.focal_px, self.center, lens=self.lens)
 
@@ -396,12 +397,12 @@ class RotationMotion(Motion, kind="rotations"):
 
     # ---- file format -----------------------------------------------------------------------------------
 
-    def _own_data(self) -> dict[str, Any]:
+    def _own_data(self) -> JsonObject:
         lens = {} if self.lens is None else {"lens": self.lens.as_json()}
         return {"rotations_rad": self.rotations.tolist(), "focal_px": self.focal_px, **lens}
 
     @classmethod
-    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> RotationMotion:
+    def _of_data(cls, data: JsonObject, common: Common) -> RotationMotion:
         lens = Lens.of_json(data["lens"]) if "lens" in data else None
         motion = cls(rotations=numbers(data["rotations_rad"]), focal_px=float(data["focal_px"]), lens=lens, **common)
         for key, worked_out in (("tx_px", motion.tx_px), ("rz_rad", motion.rz_rad)):

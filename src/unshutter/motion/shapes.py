@@ -8,9 +8,10 @@ computed from the arguments. The package does not need jaxtyping: the tests impo
 """
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING or not sys.modules.get("jaxtyping"):
     from typing import Annotated as Bool
@@ -27,4 +28,6 @@ else:
 
     Numbers = np.ndarray | np.float64  # NumPy returns a number instead of an array without dimensions
 
-__all__ = ["Bool", "Float", "Float32", "Float64", "Numbers", "Real", "UInt", "UInt8"]
+Array: TypeAlias = Any  # NumPy's or torch's, and their common functions (array API); no type states those
+
+__all__ = ["Array", "ArrayLike", "Bool", "Float", "Float32", "Float64", "Numbers", "Real", "UInt", "UInt8"]

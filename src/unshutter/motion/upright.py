@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.motion.shapes import Float64, Numbers
+from unshutter.motion.shapes import ArrayLike, Float64, Numbers
 from unshutter.options import Upright
 from unshutter.reasons import Code, Reason
 
@@ -74,7 +73,7 @@ class Pose:
     # ---- mapping ---------------------------------------------------------------------------------------
 
     def leaning(
-        self, col: Any, row: Any, height: int, width: int, back: bool = False
+        self, col: ArrayLike, row: ArrayLike, height: int, width: int, back: bool = False
     ) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """Maps positions [px] of the upright picture to the one that this camera took; with ``back``, the reverse.
 

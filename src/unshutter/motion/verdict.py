@@ -6,7 +6,6 @@ import json
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,18 @@ from unshutter.motion.motion import Motion
 from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
-from unshutter.reasons import WITHOUT_CONFIDENCE, Cause, Code, MotionSource, Reason, as_stated, pixels
+from unshutter.reasons import (
+    WITHOUT_CONFIDENCE,
+    Cause,
+    Code,
+    JsonObject,
+    MotionSource,
+    Reason,
+    as_stated,
+    known_values,
+    pixels,
+    rounded,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +230,7 @@ class Verdict:
         turned = self.not_upright if self.upright is None else self.upright.described()
         return f"{turned}; {words}" if turned else words
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
@@ -229,14 +239,14 @@ class Verdict:
         film = self.finding.film
         source = self.finding.source
         optional = {
-            "expected_error_px": _rounded(self.error_px, 2) if self.undoes else None,
+            "expected_error_px": rounded(self.error_px, 2) if self.undoes else None,
             "left_px": round(self.left_px, 2) if self.undoes and self.left_px else None,
             "source": source if source is MotionSource.FILM else None,
             "film": film and film.as_json(),
             "upright": pose and {"roll_deg": round(pose.roll_deg, 2), "tilt_deg": pose.tilt_deg},
             "not_upright": self.not_upright and self.not_upright.as_json(),
         }
-        data |= {name: value for name, value in optional.items() if value is not None}
+        data |= known_values(optional)
         if self.undoes:
             return data
         return data | {"cause": self.cause, "reason": self.sentence, "code": about["code"], "figures": about["figures"]}
@@ -299,7 +309,3 @@ def _turn_upright(verdict: Verdict, wish: Upright) -> Verdict:
     if turned.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
         return verdict
     return replace(verdict, upright=turned)
-
-
-def _rounded(number: float | None, digits: int) -> float | None:
-    return None if number is None else round(number, digits)

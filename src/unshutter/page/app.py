@@ -34,6 +34,7 @@ from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, 
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
 from unshutter.page.tabs import Tabs, tab_routes
 from unshutter.progress import tell
+from unshutter.reasons import JsonObject
 from unshutter.run.inputs import motion_name, unchanged_name
 from unshutter.version import __version__
 
@@ -244,7 +245,7 @@ async def _save(request: Request) -> Response:
     return JSONResponse(request.app.state.savings.begin(to, items, only_changed).as_json(), 202)
 
 
-async def _json(request: Request) -> dict[str, Any]:
+async def _json(request: Request) -> JsonObject:
     data = b""
     async for piece in request.stream():
         data += piece
@@ -259,7 +260,7 @@ async def _json(request: Request) -> dict[str, Any]:
     return parsed
 
 
-def _wishes(desk: Desk, body: dict[str, Any]) -> tuple[To, list[Item]]:
+def _wishes(desk: Desk, body: JsonObject) -> tuple[To, list[Item]]:
     to = body.get("to")
     photos = body.get("photos")
     if to not in ("file", "zip"):
@@ -279,7 +280,7 @@ def _item(desk: Desk, each: Any) -> Item:
     return open_file, read_clip(options) if open_file.kind == "clip" else read(options, desk.photo_path)
 
 
-def _are_texts(options: dict[str, Any]) -> bool:
+def _are_texts(options: JsonObject) -> bool:
     """Returns whether all values are strings, and neither they nor the names contain a lone surrogate."""
     try:
         "".join([*options, *options.values()]).encode()
@@ -386,7 +387,7 @@ def _urgency(request: Request) -> Urgency:
     return Urgency.LATER if request.query_params.get("later") == "1" else Urgency.NOW
 
 
-def _shown(jpeg: bytes, facts: dict[str, Any]) -> Response:
+def _shown(jpeg: bytes, facts: JsonObject) -> Response:
     """Returns a JPEG for the screen, with facts about it in a header."""
     return Response(jpeg, media_type="image/jpeg", headers={"unshutter-result": _header(facts)})
 
@@ -411,7 +412,7 @@ async def _refusal(request: Request, error: Exception) -> Response:
     return _line(f"unexpected {type(error).__name__}: please report it", 500)
 
 
-def _help_with(request: Request, error: UnshutterError) -> dict[str, Any]:
+def _help_with(request: Request, error: UnshutterError) -> JsonObject:
     """Returns what the page says instead of the error, where that is a reason, and its buttons that may help."""
     if isinstance(error, UnknownRatioError):
         return {**reason_json(error.reason), "advice": advice(error.reason)}

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
@@ -16,7 +16,7 @@ from unshutter.orientation import Readout
 from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, kept, put, put_text
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.progress import SILENT
-from unshutter.reasons import Reason
+from unshutter.reasons import JsonObject, Reason
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,7 +35,7 @@ _FILM_SIDE = 640  # px, longer side of either half
 _QUALITY = "22"  # constant quality at any bit rate: with a fixed bit rate, VP9's fastest setting shows blocks
 
 
-def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, JsonObject]:
     """Returns an upright frame of the clip as a JPEG for the screen, and facts from its file as JSON.
 
     ``moment`` counts the moments from 0, evenly spaced; ``longest`` is the longer side [px], or None for full size.
@@ -51,7 +51,7 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
 def after(
     open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None, usual: bool = False
-) -> tuple[bytes, dict[str, Any]]:
+) -> tuple[bytes, JsonObject]:
     """Returns a rectified frame of the clip as a JPEG for the screen, and what was done to it as JSON.
 
     Its motion is estimated from the frames around it, with the usual readout time of such cameras if ``usual``. Edges
@@ -74,7 +74,7 @@ def after(
         return as_jpeg(pixels), result
 
 
-def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
+def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
     """Returns the readout time of a clip's camera, its error and its source as JSON."""
     with _look(open_file) as clip:
         time = _camera_of(open_file, clip, options, progress_of(open_file)).readout
@@ -100,7 +100,7 @@ def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
         return file
 
 
-def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
+def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> JsonObject:
     """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
     from unshutter.video.clip_rectification import rectify_clip_file
 

@@ -23,6 +23,7 @@ from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, refusing
 from unshutter.photo.photo import open_photo
 from unshutter.progress import ClipObserver
+from unshutter.reasons import JsonObject
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,7 +56,7 @@ class ProgressFile(ClipObserver):
     file: Path
     _noted_s: float = field(default=-math.inf, init=False)
 
-    def read(self) -> dict[str, Any] | None:
+    def read(self) -> JsonObject | None:
         """Returns the latest progress as given to :meth:`note`, or None if the job has not started yet."""
         try:
             return json.loads(self.file.read_text(encoding="utf-8"))

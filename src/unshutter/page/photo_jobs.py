@@ -10,7 +10,7 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Find, Odds, Rectify, Undo
@@ -32,7 +32,7 @@ from unshutter.page.sentences import reason_json, verdict_json
 from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
-from unshutter.reasons import MotionSource
+from unshutter.reasons import JsonObject, MotionSource, rounded
 from unshutter.run.work import Job, finish_job
 from unshutter.single.register import load
 from unshutter.storage.targets import Target, TargetKind
@@ -67,7 +67,7 @@ def estimate(open_file: OpenFile, options: PhotoOptions) -> str:
         return finding.rereferenced(undo.reference or "first").to_json() + "\n"
 
 
-def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> dict[str, Any]:
+def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> JsonObject:
     """Writes the rectified photo exactly as `unshutter rectify` does, and returns the verdict and a note as JSON.
 
     A photo that is left unchanged is written to ``unchanged``, or not at all; ``result`` is the name of the file.
@@ -84,7 +84,7 @@ def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: Pho
     return {**report, "note": outcome.note} if outcome.note else report
 
 
-def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any]]:
+def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
     """Lists the motions that fit a photo as JSON, in the order of option ``candidate``; ``taken``: the default."""
     from unshutter.motion.verdict import judge
 
@@ -99,14 +99,14 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any
             "kind": each.kind,
             "direction": each.direction if each.kind == "pan" else None,
             "largest_px": round(verdict.largest_px, 2),  # at the requested strength
-            "probability": None if each.probability is None else round(each.probability, 4),
+            "probability": rounded(each.probability, 4),
             "taken": taken == k,
         }
         for k, (each, verdict) in enumerate(zip(possible, verdicts, strict=True))
     ]
 
 
-def segments(open_file: OpenFile, options: PhotoOptions) -> dict[str, Any]:
+def segments(open_file: OpenFile, options: PhotoOptions) -> JsonObject:
     """Returns the line segments that estimators use, before and after, as shares of the upright photo's size."""
     import numpy as np
 
@@ -130,7 +130,7 @@ def segments(open_file: OpenFile, options: PhotoOptions) -> dict[str, Any]:
         }
 
 
-def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, JsonObject]:
     """Returns the upright photo as a JPEG for the screen, and its upright size and readout directions as JSON.
 
     Its longer side has ``longest`` px, or full size if that is None.
@@ -144,7 +144,7 @@ def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, A
 
 def after(
     open_file: OpenFile, options: PhotoOptions, longest: int | None, draft: bool = False
-) -> tuple[bytes, dict[str, Any]]:
+) -> tuple[bytes, JsonObject]:
     """Returns the rectified photo, uncropped, as :func:`before` does, and what was done to it as JSON.
 
     A draft saves time while something is being dragged: decisions are based on the small copy, and the crop is not
@@ -167,7 +167,7 @@ def after(
 
 def _rectify_alone(
     photo: Photo, pixels: np.ndarray, finding: Finding, undo: Undo, draft: bool
-) -> tuple[np.ndarray, dict[str, Any]]:
+) -> tuple[np.ndarray, JsonObject]:
     """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
     from unshutter.motion.verdict import judge
     from unshutter.motion.warp import edge_decision, straighten
@@ -192,7 +192,7 @@ def _rectify_alone(
 
 def _rectify_between(
     open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
-) -> tuple[np.ndarray, dict[str, Any]]:
+) -> tuple[np.ndarray, JsonObject]:
     """Rectifies a small copy of the photo, using small copies of its neighbours."""
     from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
     from unshutter.motion.grid import EdgePolicy, valid_window
@@ -221,7 +221,7 @@ def _rectify_between(
     return frame.pixels, result | _edges_json(decision, (rows, cols), photo.orientation)
 
 
-def _finding_json(verdict: Verdict) -> dict[str, Any]:
+def _finding_json(verdict: Verdict) -> JsonObject:
     """Returns the curves of the motion that was found at a few rows, and what is known of the camera."""
     import numpy as np
 
@@ -237,7 +237,7 @@ def _finding_json(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int) -> dict[str, Any]:
+def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int) -> JsonObject:
     """Describes a decision about edges of stored pixels of height x width; the crop in shares of the upright photo."""
     (height, width), window = size, decision.window
     shares_left = window.left / width, window.top / height, window.right / width, window.bottom / height
@@ -291,7 +291,7 @@ def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
 
     alone = replace(find, candidate=None)  # whichever candidate is chosen
 
-    def list_candidates() -> list[dict[str, Any]]:
+    def list_candidates() -> list[JsonObject]:
         found = find_motion(photo, find).candidates
         return [{**vars(each), "finding": each.finding.to_json()} for each in found]
 
@@ -308,7 +308,7 @@ def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) 
     from unshutter.api import motion_of_lines
     from unshutter.motion.finding import Finding
 
-    def straighten() -> dict[str, Any]:
+    def straighten() -> JsonObject:
         found = motion_of_lines(photo, _lines(text, photo), find.camera)
         return {"finding": found.finding.to_json(), "troubles": found.troubles}
 

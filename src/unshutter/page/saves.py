@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options.clip_options import RectifyClip
@@ -21,6 +21,7 @@ from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions, refusal
 from unshutter.page.store import Busy, Desk, Missing, OpenFile, Urgency
 from unshutter.photo.formats import of_suffix
+from unshutter.reasons import JsonObject
 from unshutter.run.inputs import MOST_BYTES, film_name, fitting, picture_name, unchanged_name
 
 To: TypeAlias = Literal["file", "zip"]
@@ -43,9 +44,9 @@ class Saving:
     only_changed: bool = False  # whether those that are left unchanged are left out
     kept: ExitStack = field(default_factory=ExitStack)  # keeps the files of the items until the task ends
     # reports on the items that are finished: each with the name of its ``result``, or an ``error`` of one line
-    done: list[dict[str, Any]] = field(default_factory=list)
+    done: list[JsonObject] = field(default_factory=list)
     now: OpenFile | None = None  # the clip being processed
-    progress: dict[str, Any] | None = None  # progress of that clip, or None if it has not started
+    progress: JsonObject | None = None  # progress of that clip, or None if it has not started
     state: str = "working"  # ``working``, ``finished``, ``cancelled``, or ``failed`` with ``error``
     error: str = ""
     task: asyncio.Task[None] | None = None
@@ -59,7 +60,7 @@ class Saving:
         name = _ZIP_NAME if self.to == "zip" else self.done[0].get("result")
         return self.folder / name if name and (self.folder / name).is_file() else None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the state and progress."""
         now = None if self.now is None else _named(self.now) | (self.progress or {"what": "waiting"})
         about = {"id": self.id, "to": self.to, "state": self.state, "total": len(self.items), "now": now}
@@ -95,7 +96,7 @@ class Saving:
             self.kept.close()
             self._wake()
 
-    async def _one(self, desk: Desk, open_file: OpenFile, options: PhotoOptions | RectifyClip) -> dict[str, Any]:
+    async def _one(self, desk: Desk, open_file: OpenFile, options: PhotoOptions | RectifyClip) -> JsonObject:
         try:
             if isinstance(options, RectifyClip):
                 target = self._free_name(clip_result(open_file.name))
@@ -131,7 +132,7 @@ class Saving:
     def _free_name(self, name: str) -> Path:
         return free_name(self.folder, name, [report.get("result", "") for report in self.done])
 
-    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, options: RectifyClip) -> dict[str, Any]:
+    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, options: RectifyClip) -> JsonObject:
         """Saves one clip, updating ``now`` and ``progress``."""
         note = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
         note.file.unlink(missing_ok=True)
@@ -199,7 +200,7 @@ class Savings:
             raise Busy("too many files are being saved at once: wait until one is finished")
 
 
-def _named(open_file: OpenFile) -> dict[str, Any]:
+def _named(open_file: OpenFile) -> JsonObject:
     return {"photo": open_file.id, "name": open_file.name}
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from unshutter.reasons import WITHOUT_CONFIDENCE, Cause, Code, Reason, percent, pixels
+from unshutter.reasons import WITHOUT_CONFIDENCE, Cause, Code, JsonObject, Reason, percent, pixels
 
 if TYPE_CHECKING:
     from unshutter.motion.verdict import Verdict
@@ -69,7 +69,7 @@ def advice(reason: Reason, cause: Cause | None = None) -> tuple[str, ...]:
     return _ADVICE.get(reason.code, _UNSURE if cause is Cause.UNSURE else _BY_HAND)
 
 
-def verdict_json(verdict: Verdict) -> dict[str, Any]:
+def verdict_json(verdict: Verdict) -> JsonObject:
     """Returns a verdict as JSON, worded for the page and with advice."""
     data = verdict.as_json()
     if verdict.reason is not None and not verdict.undoes:
@@ -78,6 +78,6 @@ def verdict_json(verdict: Verdict) -> dict[str, Any]:
     return data
 
 
-def reason_json(reason: Reason) -> dict[str, Any]:
+def reason_json(reason: Reason) -> JsonObject:
     """Returns a reason as JSON, in the page's words."""
     return {**reason.as_json(), "sentence": sentence(reason)}

@@ -18,6 +18,7 @@ from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, option
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
+from unshutter.reasons import JsonObject
 from unshutter.single.register import names
 from unshutter.video.cameras import table
 
@@ -149,7 +150,7 @@ def fields(kind: type = PhotoOptions) -> Iterator[Option]:
     return (option for option in options_of(kind) if option.on_page)
 
 
-def refusal(error: UnshutterError) -> dict[str, Any]:
+def refusal(error: UnshutterError) -> JsonObject:
     """Describes an error in a line that names options as forms do.
 
     If there are any, ``said`` is the line taken apart, text and options in turn: the page shows their labels.
@@ -221,8 +222,8 @@ def _with_groups(kind: type, group: str = "") -> Iterator[tuple[Option, str]]:
             yield each, group
 
 
-def _schema(option: Option) -> dict[str, Any]:
-    schema: dict[str, Any] = {"type": _TYPES[option.type], "description": option.help}
+def _schema(option: Option) -> JsonObject:
+    schema: JsonObject = {"type": _TYPES[option.type], "description": option.help}
     if option.choices:
         schema["enum"] = list(option.choices)
     if option.default is not None:

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutSource, ReadoutTime
+from unshutter.reasons import JsonObject
 from unshutter.storage.locations import Place, absolute
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Burst:
         photos = "1 photo" if self.others == 1 else f"{self.others} photos"
         return f"by {photos} {self.interval_s:.2g} s apart, taking {self.readout.ms:.3g} ms ({self.readout.source})"
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns what was used, ready for JSON."""
         data = {"others": self.others, "interval_s": self.interval_s, "readout_ms": self.readout.ms}
         data |= {"plausible_ms": self.readout.plausible_ms, "found_by": self.readout.source}
@@ -60,7 +61,7 @@ class _Taken:
 
     place: Path
     size: tuple[int, int]
-    setting: tuple[Any, ...]  # the camera and its setting
+    setting: tuple[object, ...]  # the camera and its setting
     exposure_s: float
     at_s: float  # time
     readout: ReadoutTime  # for the camera's kind
@@ -82,7 +83,7 @@ class _Taken:
         return None
 
     @property
-    def group(self) -> tuple[Any, ...]:
+    def group(self) -> tuple[object, ...]:
         return self.place.parent, self.size, self.setting[0]
 
     def is_followed_by(self, other: _Taken) -> bool:

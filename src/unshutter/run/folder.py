@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
+from unshutter.reasons import JsonObject
 from unshutter.run.work import Job, Outcome
 from unshutter.storage.locations import Place
 
@@ -42,15 +42,15 @@ class Judged:
         return cls(outcome.group, chance.log_odds, chance.turning_point, job.folder_log_odds or 0.0)
 
     @classmethod
-    def from_json(cls, record: Mapping[str, Any]) -> Judged | None:
+    def from_json(cls, record: JsonObject) -> Judged | None:
         """Reads :meth:`as_json` from a record of the manifest."""
-        data: Any = record.get("folder")
         try:
+            data = record["folder"]
             return cls(str(data["group"]), *(float(data[name]) for name in ("log_odds", "turning_point", "used")))
         except (TypeError, KeyError, ValueError):  # none, or by another version
             return None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns it ready for JSON."""
         numbers = {"log_odds": self.log_odds, "turning_point": self.turning_point, "used": self.used}
         return {"folder": {"group": self.group, **{name: round(number, 4) for name, number in numbers.items()}}}

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
+from typing import ParamSpec, TypeVar
 
 from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.run.ahead import PreviewError
@@ -21,6 +21,9 @@ from unshutter.storage.files import remove_leftovers
 from unshutter.storage.locations import RunFiles, check_place
 from unshutter.storage.targets import TargetKind
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 @dataclass
 class Workers:
@@ -31,15 +34,16 @@ class Workers:
     renew: Callable[[], Executor]  # creates a new executor after a worker's death broke the old one
     elsewhere: bool = False  # whether a job may run twice because a worker died unnoticed
     timeout_s: float | None = None  # longest duration of a job; None: no limit
-    is_overdue: Callable[[Future[Any]], bool] = lambda _: False  # whether a job whose worker died had used up its time
+    # whether a job whose worker died had used up its time
+    is_overdue: Callable[[Future[Outcome]], bool] = lambda _: False
 
 
 class InThisProcess(Executor):
     """Runs each job immediately when it is submitted."""
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Runs the job and returns a completed future."""
-        future: Future[Any] = Future()
+        future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
         except Exception as error:

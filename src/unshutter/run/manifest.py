@@ -19,10 +19,11 @@ import time
 from dataclasses import MISSING, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from unshutter.errors import UnshutterError
 from unshutter.options import Rectify
+from unshutter.reasons import JsonObject
 from unshutter.run.folder import Judged
 from unshutter.run.work import Job, Outcome
 from unshutter.single.register import weights_file
@@ -61,7 +62,7 @@ def _digest_of(request: Rectify, motion: str | None) -> str:
     return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _size(recorded: Any) -> str | None:
+def _size(recorded: object) -> str | None:
     """Returns the part of a recorded fingerprint that is a file's size."""
     return recorded.partition(":")[0] if isinstance(recorded, str) else None
 
@@ -86,7 +87,7 @@ class Manifest:
         self._request = request
         self._motion = motion
         self._whole_paths = whole_paths
-        self._entries: dict[str, dict[str, Any]] = {}
+        self._entries: dict[str, JsonObject] = {}
         self._journal = journal_in(folder, NAME, self.run, read_only)
         try:
             self._read()
@@ -180,7 +181,7 @@ class Manifest:
         """Returns what became of a photo whose result is finished; None if that says nothing about other photos."""
         return Judged.from_json(self._entries.get(self._key(job.picture), {}))
 
-    def _record(self, job: Job, state: str) -> dict[str, Any]:
+    def _record(self, job: Job, state: str) -> JsonObject:
         at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         return {
             "target": self._key(job.picture),

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.photo import Photo
@@ -150,11 +150,11 @@ class Report:
         """Prints one line for the user."""
         self._bar.tell(line)
 
-    def _count(self, fate: str, photo: str | Place, **facts: Any) -> None:
+    def _count(self, fate: str, photo: str | Place, **facts: object) -> None:
         self.counts[fate] += 1
         self._note(fate, photo=str(photo), **facts)
 
-    def _note(self, event: str, **facts: Any) -> None:
+    def _note(self, event: str, **facts: object) -> None:
         if self._log is None:
             return
         log = self._log

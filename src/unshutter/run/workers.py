@@ -12,12 +12,18 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
-from typing import Any
+from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
 from unshutter.run.loop import Workers
 from unshutter.storage.files import remove_own_parts
+
+if TYPE_CHECKING:
+    from ctypes import Array, c_double
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 LONGEST_JOB_S = 1800.0  # unless the user chooses another limit: the largest photo takes minutes on a slow processor
 
@@ -34,7 +40,7 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
         pools.append(TimedPool(count, limit_s, settle_only_worker if all_processors else settle_worker))
         return pools[-1]
 
-    def is_overdue(future: Future[Any]) -> bool:
+    def is_overdue(future: Future[T]) -> bool:
         return any(each.is_overdue(future) for each in pools)
 
     _keep_tracker_from_hanging_up()
@@ -100,10 +106,10 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-_clock: Any = None  # in a worker: start times of the jobs, by slot
+_clock: Array[c_double] | None = None  # in a worker: start times of the jobs, by slot
 
 
-class _Result(Future[Any]):
+class _Result(Future[T]):
     """The future of a job, which may be cancelled before its worker dies: Python 3.11 reports that death to it, too."""
 
     def set_exception(self, exception: BaseException | None) -> None:
@@ -124,11 +130,11 @@ class TimedPool(ProcessPoolExecutor):
         context = get_context("spawn")
         self._began = context.RawArray("d", 4 * count)
         self._free = list(range(len(self._began)))
-        self._places: dict[Future[Any], int] = {}
+        self._places: dict[Future, int] = {}
         self._timeout_s = timeout_s
         super().__init__(count, mp_context=context, initializer=_settle, initargs=(self._began, settle))
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Submits a job and assigns it a slot for its start time."""
         place = self._free.pop() if self._free else None
         if place is not None:
@@ -140,26 +146,26 @@ class TimedPool(ProcessPoolExecutor):
             future.add_done_callback(self._set_free)
         return future
 
-    def _set_free(self, future: Future[Any]) -> None:
+    def _set_free(self, future: Future[T]) -> None:
         if future.cancelled() or not isinstance(future.exception(), BrokenExecutor):
             self._free.append(self._places.pop(future))
 
-    def is_overdue(self, future: Future[Any]) -> bool:
+    def is_overdue(self, future: Future[T]) -> bool:
         """Whether an unfinished job had used up its time when the pool broke."""
         place = self._places.get(future)
         began = 0.0 if place is None else self._began[place]
         return began > 0 and time.monotonic() - began >= self._timeout_s
 
 
-def _settle(clock: Any, settle: Callable[[], None]) -> None:
+def _settle(clock: Array[c_double], settle: Callable[[], None]) -> None:
     global _clock
     _clock = clock
     settle()
 
 
-def _timed(place: int | None, timeout_s: float, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+def _timed(place: int | None, timeout_s: float, fn: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     """Runs a job; ends this process if it takes too long, even in native code: the watchdog does not need Python."""
-    if place is not None:
+    if place is not None and _clock is not None:
         _clock[place] = time.monotonic()
     with open(os.devnull, "w") as nowhere:
         faulthandler.dump_traceback_later(timeout_s, exit=True, file=nowhere)
@@ -190,5 +196,5 @@ def cluster(address: str) -> Iterator[Workers]:
         def executor() -> Executor:
             return client.get_executor(pure=False)
 
-        threads: Any = client.nthreads()
+        threads = cast(dict[str, int], client.nthreads())
         yield Workers(executor(), max(4 * sum(threads.values()), 32), executor, elsewhere=True)

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -110,7 +110,7 @@ def checked_lines(lines: Sequence[DrawnLine]) -> tuple[DrawnLine, ...]:
     return tuple(lines)
 
 
-def _points(points: Any) -> tuple[tuple[float, float], ...]:
+def _points(points: Iterable[Sequence[float]]) -> tuple[tuple[float, float], ...]:
     return tuple((float(col), float(row)) for col, row in points)
 
 

@@ -14,16 +14,14 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
-from typing import Any
 
 import numpy as np
 
 from unshutter import errors
 from unshutter.errors import WeightsError
 from unshutter.motion import geometry
-from unshutter.motion.shapes import Float
+from unshutter.motion.shapes import Array, Float
 
-Array = Any
 Weights = dict[str, np.ndarray]
 FEATURES = 39  # numbers per segment
 _OCTAVES = 4  # of the sine waves that encode a position

@@ -16,9 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from unshutter.reasons import JsonObject
 
 UNKNOWNS = 10
 MOTION = slice(0, 6)
@@ -114,7 +115,7 @@ class NetworkErrors:
     usual_px: float  # size of the estimate [px of 256 rows] at which squared errors are twice those of small estimates
 
     @classmethod
-    def of(cls, fields: dict[str, Any]) -> NetworkErrors:
+    def of(cls, fields: JsonObject) -> NetworkErrors:
         """Reads the errors from the fields of a file."""
         scales = np.array(fields["scales"])
         correlations = np.array(fields["correlations"])
@@ -153,7 +154,7 @@ class Forest:
         return self.baseline + float(self.number[tree, node].sum())
 
     @classmethod
-    def read(cls, fields: dict[str, Any]) -> Forest:
+    def read(cls, fields: JsonObject) -> Forest:
         """Reads the forest from the fields of a file."""
         arrays = {name: np.array(fields[name]) for name in ("feature", "right", "number")}
         return cls(tuple(fields["features"]), fields["baseline"], fields["depth"], **arrays)
@@ -168,7 +169,7 @@ class Experience:
     moved: tuple[float, float]  # slope and constant of the log odds that the camera moved, by those of ``better``
 
     @classmethod
-    def read(cls, fields: dict[str, Any]) -> Experience:
+    def read(cls, fields: JsonObject) -> Experience:
         """Reads the forests from the fields of a file."""
         slope, constant = fields["moved"]
         return cls(Forest.read(fields["better"]), Forest.read(fields["error"]), (slope, constant))
@@ -195,7 +196,7 @@ class Calibration:
         )
 
 
-def kinds_of(fields: dict[str, Any]) -> tuple[MotionKind, ...]:
+def kinds_of(fields: JsonObject) -> tuple[MotionKind, ...]:
     """Reads the kinds of motion from the fields of a file."""
     return tuple(
         MotionKind(

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from typing import IO, TYPE_CHECKING, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError, with_stand_ins
 
@@ -113,7 +113,7 @@ class JsonLog:
             if is_torn(descriptor):
                 write_all(descriptor, b"\n")
 
-    def add(self, event: str, **about: Any) -> None:
+    def add(self, event: str, **about: object) -> None:
         """Appends an event."""
         named = {key: with_stand_ins(value) if isinstance(value, str) else value for key, value in about.items()}
         add_text(self._path, json.dumps({"event": event, **named}) + "\n")

@@ -24,7 +24,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from unshutter import errors
 from unshutter.errors import UnshutterError, UsageError
@@ -33,6 +33,7 @@ from unshutter.storage.files import Times, check_target, exists, remove_leftover
 from unshutter.storage.opened import Opened
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
     from upath import UPath
 
 
@@ -240,11 +241,12 @@ def file_below(url: str) -> Path | None:
 
 def object_behind(where: UPath) -> tuple[str, str]:
     """Resolves a URL to the kind of store and the name in it."""
+    from fsspec.implementations.dirfs import DirFileSystem
+
     name = where.path
-    store: Any = where.fs
+    store = where.fs
     while (inner := getattr(store, "fs", None)) is not None:  # a cache or a folder
-        protocols = (store.protocol,) if isinstance(store.protocol, str) else store.protocol
-        name = posixpath.join(store.path, name.lstrip("/")) if "dir" in protocols else name
+        name = posixpath.join(store.path, name.lstrip("/")) if isinstance(store, DirFileSystem) else name
         store = inner
     return type(store).__name__, posixpath.normpath(name).lstrip("/")
 
@@ -276,9 +278,12 @@ class RunFiles:
     """
 
     def __init__(
-        self, *options: Any, reads: Iterable[Place | Opened | None] = (), folders: Iterable[Place | None] = ()
+        self,
+        *options: DataclassInstance,
+        reads: Iterable[Place | Opened | None] = (),
+        folders: Iterable[Place | None] = (),
     ):
-        named = [place(value) for each in options for _, value in _values(each, "input")]
+        named = [value for each in options for _, value in _values(each, "input")]
         inputs = [each for each in (*reads, *named) if each is not None]
         redirected = Opened.behind(sys.stdin)  # the file that standard input comes from, if it is one
         self._opened = [each for each in (*inputs, redirected) if isinstance(each, Opened)]
@@ -371,12 +376,12 @@ class RunFiles:
                 yield status.st_dev, status.st_ino
 
 
-def _values(options: Any, names: str) -> Iterator[tuple[str, Any]]:
+def _values(options: DataclassInstance, names: str) -> Iterator[tuple[str, Place]]:
     """Yields flag and value of the options that name inputs or outputs, including those of groups."""
     for each in fields(options):
         value = getattr(options, each.name)
-        if is_dataclass(value):
+        if is_dataclass(type(value)):
             yield from _values(value, names)
         elif each.metadata.get("names") == names and value is not None:
             for one in value if isinstance(value, list) else [value]:
-                yield f"--{each.name.rstrip('_').replace('_', '-')}", one
+                yield f"--{each.name.rstrip('_').replace('_', '-')}", place(one)

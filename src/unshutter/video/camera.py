@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from unshutter.options import check_focal
 from unshutter.orientation import Readout
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video import cameras, clip_gyro, gain, lenses, readout
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import ClipGyro, gyro_in_survey
@@ -45,13 +44,13 @@ class ClipCamera:
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
     direction: Readout | None = None  # in which the stored pixels were read, if the frames show another than usual
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the readout time, the lens and the direction, ready for JSON, as read by :meth:`from_json`."""
         lens = self.lens and self.lens.as_json()
         return {"readout": self.readout.as_json(), "lens": lens, "direction": self.direction}
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> ClipCamera:
+    def from_json(cls, data: JsonObject) -> ClipCamera:
         """Reads the data written by :meth:`as_json`."""
         lens = data["lens"] and Lens.of_json(data["lens"])
         direction = data.get("direction") and Readout(data["direction"])

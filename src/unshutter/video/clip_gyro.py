@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from unshutter.frames.camera import ROWS, track_jacobian
 from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.gpmf import DamagedLogError
 from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns, has_gravity
@@ -64,9 +63,9 @@ class ClipGyro:
         ratio = ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, ReadoutSource.GYRO)
         return ratio.seconds(alignment.interval_s)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the record for a log of runs."""
-        record: dict[str, Any] = {"origin": self.origin, "used": self.reason is None}
+        record: JsonObject = {"origin": self.origin, "used": self.reason is None}
         if self.reason is not None:
             record["declined"] = self.reason.as_json()
         if self.synchronisation is not None:

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from unshutter.motion.lens import Lens
 from unshutter.motion.motion_file import reason_of
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import JsonObject
 from unshutter.storage.files import read_text
 from unshutter.version import __version__
 from unshutter.video.clip import ClipRequest
@@ -76,7 +77,7 @@ class MotionWriter:
     def add(self, moving: MovingFrame) -> None:
         """Writes the next frame."""
         motion = moving.motion
-        record: dict[str, Any] = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
+        record: JsonObject = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
         if isinstance(motion, RotationMotion):
             rotations = motion.rotations[::_STRIDE]
             record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(rotations, 9).tolist()}
@@ -115,7 +116,7 @@ def load(path: Path) -> ClipMotion:
         raise UnshutterError(f"{path}: not a usable motion file: {error}") from None
 
 
-def _parsed(data: dict[str, Any]) -> ClipMotion:
+def _parsed(data: JsonObject) -> ClipMotion:
     readout = Readout.parse(data["readout"])
     height = int(data["height"])
     width = int(data["width"])
@@ -147,7 +148,7 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
     return ClipMotion(ratio, readout, height, width, times, motions, cuts, steps, lens)
 
 
-def _step(frame: dict[str, Any]) -> Step | None:
+def _step(frame: JsonObject) -> Step | None:
     """Returns the camera's rotation since the previous frame; files of earlier versions lack it."""
     record = frame.get("step")
     if record is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.frame_warper import MovingFrame
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class ClipOutcome:
         longest, at = max(((b - a, a) for a, b in pairwise(times)), default=(0.0, 0.0))
         return (at, longest) if longest > max(_GAP * self.interval_s, _GAP_S) else None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the record of the run for the log."""
         plausible = self.readout.plausible_ms
         ratio = self.ratio

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float32, Float64
 from unshutter.options.clip_options import ClipUndo, Steadiness
 from unshutter.orientation import Readout
-from unshutter.reasons import Reason
+from unshutter.reasons import JsonObject, Reason
 from unshutter.video.frame_map import SteadyView, borders_of, margins, zoom_needed
 from unshutter.video.frame_warper import ROWS
 from unshutter.video.gain import TALL, is_visible
@@ -141,7 +140,7 @@ class Stabilisation:
             return None
         return SteadyView(self.turns[frame], float(self.focals[frame]), self.zoom, self.path.readout, self.path.lens)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the record for a log of runs."""
         return {
             "zoom": self.zoom,

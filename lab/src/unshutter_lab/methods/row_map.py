@@ -12,10 +12,12 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RowMotion, geometry, motion_file
-from unshutter.motion.geometry import Array, namespace
+from unshutter.motion.geometry import namespace
 from unshutter.motion.motion import positions, row_index
-from unshutter.motion.shapes import Float, Float64, Numbers, Real
+from unshutter.motion.motion_file import Common
+from unshutter.motion.shapes import Array, Float, Float64, Numbers, Real
 from unshutter.options import Reference
+from unshutter.reasons import JsonObject
 
 _MOST_CELLS_A_SIDE = 4096  # a network's row map has 256
 _SMALLEST_AREA_PX = 1e-3  # a side
@@ -154,7 +156,7 @@ class RowMapMotion(Motion, kind="row-map"):
 
     # ---- file format -----------------------------------------------------------------------------------
 
-    def _own_data(self) -> dict[str, Any]:
+    def _own_data(self) -> JsonObject:
         row_map = {
             # little-endian float32, zlib-compressed, in base64
             "residual_px": base64.b64encode(zlib.compress(self.residual_px.astype("<f4").tobytes())).decode("ascii"),
@@ -166,14 +168,15 @@ class RowMapMotion(Motion, kind="row-map"):
         return {**self.row_motion._own_data(), "row_map": row_map}
 
     @classmethod
-    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> RowMapMotion:
+    def _of_data(cls, data: JsonObject, common: Common) -> RowMapMotion:
         rows, stored = RowMotion._of_data(data, common), data["row_map"]
         own = {"tx_px": rows.tx_px, "rz_rad": rows.rz_rad, "center_shift_px": rows.center_shift_px}
         places = {key: tuple(float(number) for number in stored[key]) for key in ("corner", "size", "pose")}
-        return cls(residual_px=_residual(stored), **own, **places, **common)
+        values: JsonObject = {"residual_px": _residual(stored), **own, **places}
+        return cls(**values, **common)
 
 
-def _residual(stored: dict[str, Any]) -> np.ndarray:
+def _residual(stored: JsonObject) -> np.ndarray:
     shape = tuple(int(side) for side in stored["shape"])
     _check_shape(shape)
     size = 4 * shape[0] * shape[1]
