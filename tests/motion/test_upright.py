@@ -19,6 +19,7 @@ from unshutter.motion.verdict import judge
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import Camera, Rectify, Undo
 from unshutter.orientation import Orientation, Readout
+from unshutter.page.sentences import verdict_json
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
 from unshutter.reasons import Cause, Code, Reason
@@ -192,14 +193,19 @@ def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
 
 def test_a_photo_that_leans_says_what_straightens_it_either_way() -> None:
     unsure = posed(replace(STILL, reason=Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.7)))
-    line = "leans: the camera was turned, or moved; --upright straightens it either way"
+    line = "leans: the camera was turned, or moved; --upright level turns it by 1.4 degrees"
     assert line in about(judge(unsure, Undo()))
+    assert "leans" not in about(judge(unsure, Undo(upright="level")))
+    offered = verdict_json(judge(unsure, Undo()))
+    assert (offered["advice"][0], offered["lean_deg"]) == ("adviceLevel", 1.4)
     for other in (
         posed(STILL),
         replace(unsure, roll=Angle(1.4)),
         replace(unsure, held_at_rest=replace(HELD, roll_deg=0.9)),
+        replace(unsure, held_at_rest=replace(HELD, roll_deg=9.0)),  # which is not undone unless it is stated
     ):
         assert "leans" not in about(judge(other, Undo()))
+        assert "adviceLevel" not in verdict_json(judge(other, Undo()))["advice"]
 
 
 @pytest.mark.parametrize("moves", [False, True])

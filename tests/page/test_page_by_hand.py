@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -373,6 +374,22 @@ def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Pa
         page.get_by_label("Straighten it even if unsure").check()
     assert json.loads(response.value.headers["unshutter-result"])["changed"]
     wait_for(page, "changed")
+
+
+def test_a_photo_that_leans_is_levelled_by_as_much_as_is_offered(page: Page, tmp_path: Path) -> None:
+    """The shipped photo, turned by 4 degrees: whether its camera was rolled or moved is unsure."""
+    original = Photo.open(Path(__file__).parents[2] / "examples" / "original" / "basilica.webp").upright(900)
+    height, width = original.shape[:2]
+    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 4, 1.12)  # larger, so that no corner is empty
+    Photo.from_array(cv2.warpAffine(original, turn, (width, height))).save(tmp_path / "askew.png")
+    drop(page, tmp_path / "askew.png")
+    wait_for(page, "alone")
+    offer = page.locator("#adviceLevel")
+    angle = (offer.text_content() or "").removeprefix("Level it: turn it by ")
+    offer.click()
+    wait_for(page, "changed")
+    expect(page.locator(SAID)).to_contain_text(f"Levelled by {angle}.")
+    expect(page.locator("#upright")).to_have_value("level")
 
 
 def test_steps_by_hand_are_undone_one_by_one(page: Page, grey: Path) -> None:

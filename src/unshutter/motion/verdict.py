@@ -171,12 +171,17 @@ class Verdict:
         return self.largest_px * (1 / self.strength - 1) if self.strength > 0 else 0.0
 
     @property
-    def leans(self) -> bool:
-        """Whether the photo leans, while the camera may have been rolled as well as moved."""
+    def lean_deg(self) -> float | None:
+        """Angle by which levelling would turn a photo that is left unchanged and leans [degrees].
+
+        Its camera may have been rolled as well as moved. None where the photo does not lean, or does not show why.
+        """
+        found = self.finding
         unsure = self.reason is not None and _CAUSES.get(self.reason.code) is Cause.UNSURE
-        pose = self.finding.held_at_rest
-        leans = pose is not None and abs(pose.roll_deg) > _LEAST_LEAN_DEG
-        return unsure and self.finding.roll is None and leans
+        if not unsure or self.upright is not None or found.roll is not None or found.held_at_rest is None:
+            return None
+        pose = found.held_at_rest.undone_for("level", found.roll, found.tilt)
+        return abs(pose.roll_deg) if isinstance(pose, Pose) and abs(pose.roll_deg) > _LEAST_LEAN_DEG else None
 
     @property
     def undoes(self) -> bool:

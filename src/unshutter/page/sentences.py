@@ -38,6 +38,7 @@ _ONE_LINE = "only 1 straight line was found"
 # The names of the page's buttons that may help (page/web/advice.js), beside the reasons for which they do.
 _BY_HAND = ("adviceWay", "adviceNeighbour", "adviceByHand")
 _UNSURE = ("adviceWay", "adviceAnyway", "adviceNeighbour", "adviceByHand")
+_LEANS = "adviceLevel"
 OTHER_NEIGHBOURS = ("adviceNeighbours", "adviceLeaveNeighbours")
 _ADVICE: dict[Code, tuple[str, ...]] = {
     **dict.fromkeys((Code.NO_ROLLING_SHUTTER, Code.ASKED_FOR_NOTHING, Code.STRENGTH_0), ()),  # nothing is left to try
@@ -74,7 +75,10 @@ def verdict_json(verdict: Verdict) -> JsonObject:
     data = verdict.as_json()
     if verdict.reason is not None and not verdict.undoes:
         said = sentence(verdict.reason, verdict.confidence)
-        data |= {"reason": said, "advice": advice(verdict.reason, verdict.cause)}
+        offered = advice(verdict.reason, verdict.cause)
+        data |= {"reason": said, "advice": offered}
+        if verdict.lean_deg is not None:
+            data |= {"advice": (_LEANS, *offered), "lean_deg": round(verdict.lean_deg, 1)}
     return data
 
 

@@ -194,7 +194,7 @@ def _next_steps(verdict: Verdict, told_moving: bool) -> Iterator[str]:
         yield "if the camera moved: --moving"
     if code in _BY_ITSELF:
         yield "with a frame taken just before or after: --before or --after"
-    if verdict.leans and not verdict.changes:
+    if verdict.lean_deg is not None:
         yield "if it leans: --upright level"
     if code is Code.WHICH_WAY:
         yield "if you know which way the camera moved: --moving left, right, up or down"
@@ -260,8 +260,8 @@ def about(verdict: Verdict) -> str:
 
 def _advice(verdict: Verdict) -> str:
     """Names the option with which the photo would be changed; empty if there is none."""
-    if verdict.leans and not verdict.changes:
-        return "leans: the camera was turned, or moved; --upright straightens it either way"
+    if verdict.lean_deg is not None:
+        return f"leans: the camera was turned, or moved; --upright level turns it by {verdict.lean_deg:.1f} degrees"
     if verdict.reason is None or verdict.confidence is None:
         return ""
     enough = verdict.least_confidence

@@ -52,11 +52,12 @@ export class Advice {
   }
 
   /** Buttons for what is advised, unless it was tried. @param {Advised[]} advice @param {Photo} photo */
-  #offers(advice, { options, hasNeighbours }) {
+  #offers(advice, { options, hasNeighbours, result }) {
     const ways = WAYS.filter((way) => way !== options.moving);
     const directions = ways.map((way) => press(`advice-${way}`, words.ways[way], () => this.on.adviceWay(way)));
     const offers = advice.flatMap((name) => {
       if (name === "adviceWay") return [make("span", words.adviceWay), ...directions];
+      if (name === "adviceLevel") return [press(name, words.adviceLevel(result?.lean_deg ?? 0), this.on.adviceLevel)];
       if (name === "adviceAnyway" && options["min-confidence"] === "0") return [];
       if (name === "adviceNeighbour" && hasNeighbours) return [];
       return [button(name, this.on[name])];

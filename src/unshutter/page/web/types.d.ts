@@ -15,6 +15,7 @@ export type Certainty = "sure" | "likely" | "unsure";
 export type Edges = "auto" | "keep" | "crop" | "fill" | "borrow";
 export type Advised =
   | "adviceWay"
+  | "adviceLevel"
   | "adviceAnyway"
   | "adviceNeighbour"
   | "adviceByHand"
@@ -64,6 +65,7 @@ export interface PhotoResult {
   reason?: string; // in the page's words, where its motion is not undone
   code?: string;
   advice?: Advised[];
+  lean_deg?: number; // by how much levelling would turn it, where that is advised
   edges: Edges | null;
   whole: number | null;
   crop: Box | null;

@@ -56,6 +56,7 @@ export class View {
     const { hand, neighbours } = this.controls;
     this.advice = new Advice(by("advice"), {
       adviceWay: (way) => this.#change("moving", way),
+      adviceLevel: () => this.#change("upright", "level"),
       adviceAnyway: () => this.#change("min-confidence", "0"),
       adviceNeighbour: () => neighbours.open(),
       adviceNeighbours: () => neighbours.open(),

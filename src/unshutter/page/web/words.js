@@ -133,6 +133,7 @@ export const words = {
   },
   adviceWay: "Which way did the camera move?",
   ways: { left: "← left", right: "right →", yes: "It moved somehow" },
+  adviceLevel: (deg) => `Level it: turn it by ${degrees(deg)}`,
   adviceAnyway: "Straighten it even if unsure",
   adviceNeighbour: "Add the frame before or after…",
   adviceByHand: "By hand…",
