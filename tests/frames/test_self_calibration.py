@@ -51,6 +51,6 @@ def test_no_tracks_are_no_answer():
 
 
 def test_more_noise_is_less_sure():
-    sure, unsure = ratio_of(hand(5), 0.6), ratio_of(hand(5), 0.6, noise=0.4)
+    sure, unsure = ratio_of(hand(5), 0.6), ratio_of(hand(5), 0.6, noise=0.2)
     assert unsure.error > sure.error
     assert np.abs([sure.value - 0.6, unsure.value - 0.6]).max() < 0.1

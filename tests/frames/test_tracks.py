@@ -87,3 +87,19 @@ def test_slow_turning_is_no_standing_still():
     turned = start + (start - [160, 90])[:, ::-1] * [-0.004, 0.004]
     camera_tracks = background(Tracks(start, turned, 180, 320, 200))
     assert camera_tracks.joined and not camera_tracks.still and len(camera_tracks.tracks) > 180
+
+
+def test_of_two_planes_the_one_that_was_the_background_stays_it():
+    """A board that shows a few more corners than the wall behind it does not become the background."""
+    rng = np.random.default_rng(3)
+    before = background(Tracks(*random_tracks(rng, 60, (5.0, 1.0)), 180, 320, 80))
+    assert len(before.tracks) > 50
+    start = before.tracks.end
+    wall_tracks = start, start + rng.normal([4.0, 3.0], 0.03, start.shape)
+    board = random_tracks(rng, 70, (-4.0, 0.0))
+    both = Tracks(*(np.concatenate(each) for each in zip(wall_tracks, board, strict=True)), 180, 320, 200)
+    alone = background(both)
+    assert alone.joined and np.median(alone.tracks.end - alone.tracks.start, axis=0) == pytest.approx((-4, 0), abs=0.1)
+    goes_on = background(both, before=before)
+    moved = np.median(goes_on.tracks.end - goes_on.tracks.start, axis=0)
+    assert goes_on.joined and moved == pytest.approx((4, 3), abs=0.1) and len(goes_on.tracks) > 50

@@ -11,10 +11,14 @@ from support.covering import thorough
 from support.hand_held import log_of, pan, shaking
 from unshutter.cli import main
 from unshutter.cli.clip_command import _line_of
+from unshutter.options.clip_options import RectifyClip
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video import camera, cameras
+from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
+from unshutter.video.clip import ClipRequest, look
+from unshutter.video.readout_regression import Estimate, Regression
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
 
@@ -38,26 +42,42 @@ def run(tmp_path, capsys):
     return rectified
 
 
-def test_what_does_not_show_takes_the_usual_value_and_says_so(tmp_path, run):
-    """An even pan shows no readout time, but leans."""
+def test_what_does_not_show_is_left_as_it_is_until_its_time_is_given(tmp_path, run):
+    """An even pan shows no readout time, but leans; nobody knows how far."""
     greys = clips.moving(30, slow(3.0), ratio=0.5)[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
     record, shown, out = run(clip)
-    assert record["found_by"] == "usual value" and record["rectified"] == 30
-    low, high = record["plausible_ms"]
-    assert 3 < low < 10 < record["readout_ms"] < 20 < high < 34
-    assert "does not show its readout time" in shown and "typical of cameras and phones" in shown
-    usual = clips.luma(out)
+    assert out.read_bytes() == clip.read_bytes()
+    assert record["rectified"] == 0 and record["found_by"] == "usual value"
+    (reason,) = record["declined"]
+    assert reason["code"] == Code.READOUT_TIME_UNKNOWN and reason["figures"]["why"] in shown
+    assert "to straighten it anyway, give its readout time: --readout-ms" in shown
     _, _, best = run(clip, "--readout-ratio", "0.5", "--overwrite")
-    assert clips.psnr(usual, clips.luma(best)) > clips.psnr(clips.luma(clip), clips.luma(best)) + 10
+    assert best.read_bytes() != clip.read_bytes()
+
+
+@pytest.mark.parametrize(("wobbles", "would_show"), [(True, False), (False, True), (False, False), (None, None)])
+def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_path, wobbles, would_show):
+    """How sure the regression is decides what happens to a clip whose path does not tell the readout time."""
+    error = 0.1 if would_show else 0.3
+    rows = Estimate(4 * error if wobbles else error, error)
+    shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
+    monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
+    path = clips.write(tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1")
+    time = find_camera(ClipRequest.of(look(path), RectifyClip()))[0].readout
+    assert time.source is ReadoutSource.USUAL and time.instead_of.code is Code.READOUT_TIME_UNKNOWN
+    if wobbles:
+        assert time.declined is None
+        return
+    assert time.declined.code is (Code.NO_WOBBLE if would_show else Code.READOUT_TIME_UNKNOWN)
 
 
 def test_a_make_tells_the_kind_of_camera(tmp_path, run):
     clip = clips.write(
         tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1", tags={"make": "Apple", "model": "X"}
     )
-    record, shown, _ = run(clip)
-    assert record["found_by"] == "usual value" and record["readout_ms"] < 12 and "typical of phones" in shown
+    record, _, _ = run(clip)
+    assert record["found_by"] == "usual value" and record["readout_ms"] < 12
 
 
 def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
@@ -168,7 +188,7 @@ def hand():
 
 @pytest.mark.parametrize("camera", [*(thorough(k) for k in range(8)), 8, 9])
 def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
-    """Each comes out corrected or with a bound."""
+    """Each comes out corrected, with a bound, or as it is because it does not tell its readout time."""
     log = [
         slow(0.0),
         slow(0.2),
@@ -186,6 +206,9 @@ def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
     record, shown, out = run(clips.write(tmp_path / "in.mkv", greys, "ffv1", tags=tags), focal_px=None)
     reasons = {each["code"]: each["figures"] for each in record["declined"]}
     bound = reasons.get(Code.NOTHING_TO_SEE, {"px": 0.0 if Code.NO_VISIBLE_DISTORTION in reasons else 1.0})
+    if Code.READOUT_TIME_UNKNOWN in reasons or Code.NO_WOBBLE in reasons:
+        assert "give its readout time: --readout-ms" in shown and record["found_by"] == "usual value"
+        return
     assert out.exists() and (record["rectified"] > 20 or bound["px"] < 0.5), shown
 
 

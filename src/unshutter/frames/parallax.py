@@ -22,6 +22,8 @@ import numpy as np
 from unshutter.frames.smoothing import solve_banded
 from unshutter.motion.shapes import Float64
 
+# px: standard deviation of the skew and stretch that depth adds to a pair of frames, for a px of speed
+DEPTH = 0.006
 _HAT = 48  # frames
 _WALK = 0.3  # change of b from hat to hat, as a share of its own standard deviation
 _REMAINDER_PX = 0.01  # standard deviation of e_k [px of ROWS rows, at half the height]

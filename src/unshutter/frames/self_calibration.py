@@ -18,19 +18,20 @@ Shots, consecutive frames that show one scene, collect the tracks for this.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
+from unshutter.frames.parallax import DEPTH
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, Reason
 
-_PART = 20  # pairs of frames per part
+_PART = 30  # pairs of frames per part
 _MOST_TRACKS = 100  # per pair: more only take longer
 _COARSE = np.arange(1, 11) / 10
 _FINE = (0.05, 0.02)  # successive step sizes around the maximum
@@ -40,7 +41,9 @@ _FLOOR = 0.01  # least error, even if all parts agree: the spline only approxima
 _TOO_UNSURE = 0.08
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
-_FASTEST = 0.4  # cycles per frame: faster oscillations are hidden between the frames
+# cycles per frame: faster oscillations are hidden between the frames, unless parts of the sequence agree
+_FASTEST = 0.4
+_AGREE = 0.05  # standard deviation of the ratios of parts that agree
 _EVEN_PX = 0.1  # px of ROWS rows per frame: a speed that varies by less is even
 _FEW = 10  # fewer pairs of frames rarely reveal the ratio, and never why not
 _USUAL_FOCAL, _FOCAL_SPREAD = 0.85, 0.4  # prior: share of width + height, and standard deviation of its logarithm
@@ -67,17 +70,21 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
     for k in range(0, max(len(pairs) - _PART // 2, 1), _PART):
         part = pairs[k : k + _PART]
         since = np.array(times[k : k + _PART + 1]) - np.floor(times[k])
-        parts.append(Problem(part, focal_px, None if starts is None else since))
+        parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH))
     profiles = [_Profile(part) for part in parts]
-    coarse = np.sum([[profile.at(ratio) for ratio in _COARSE] for profile in profiles], axis=0)
-    best = float(_COARSE[coarse.argmax()])
+    coarse = _curves(profiles, _COARSE)
+    best = float(_COARSE[coarse.sum(axis=0).argmax()])
     for step in _FINE:
         at = np.clip(best, step, _LARGEST) + step * np.array([-1.0, 0.0, 1.0])
-        curves = np.array([[profile.at(float(ratio)) for ratio in at] for profile in profiles])  # [parts, 3]
+        curves = _curves(profiles, at)
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
-    if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
+    agree = len(parts) > 1 and np.std([_vertex(_COARSE, curve) for curve in coarse]) < _AGREE
+    if not agree and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
         raise UnknownRatioError.because(_cause(pairs, Code.SHOOK_TOO_FAST))
+    upwards = [_Profile(replace(part, pairs=[pair.turned() for pair in part.pairs])) for part in parts]
+    if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > curves.sum(axis=0).max():
+        raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
@@ -104,6 +111,11 @@ class _Profile:
             near = min(self._fits, key=lambda other: abs(other - ratio), default=None)
             self._fits[ratio] = self._problem.fit(ratio, near=self._fits[near] if near is not None else None)
         return self._fits[ratio]
+
+
+def _curves(profiles: Sequence[_Profile], ratios: Float64[np.ndarray, "ratios"]) -> Float64[np.ndarray, "parts ratios"]:
+    """Returns the evidence of each part for some ratios."""
+    return np.array([[profile.at(float(ratio)) for ratio in ratios] for profile in profiles])
 
 
 def _top(at: Float64[np.ndarray, "3"], heights: Float64[np.ndarray, "3"]) -> tuple[float, float]:
@@ -255,6 +267,7 @@ class Shot:
 
     def joins(self, frame: GreyFrame, ratio: ReadoutRatio | None, lens: Lens | None = None) -> bool:
         """Whether a frame, taken through this lens, shows the same scene as the previous one."""
+        before = self._next
         self._next = None
         if self._last is None:
             return True
@@ -262,7 +275,7 @@ class Shot:
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
         tracks = follow(self._last.grey, frame.grey, lens) if frame.followed is None else frame.followed
-        self._next = background(tracks, ratio.value if ratio else None)
+        self._next = background(tracks, ratio.value if ratio else None, before)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:
             few = tracks.looked_for < _LEAST_CORNERS

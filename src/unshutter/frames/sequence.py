@@ -12,6 +12,7 @@ import numpy as np
 from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.frame_motion import FrameMotion, KnownTurns
+from unshutter.frames.parallax import DEPTH
 from unshutter.frames.self_calibration import (
     GreyFrame,
     Shot,
@@ -34,8 +35,6 @@ from unshutter.reasons import Code, Reason
 _LONG_ENOUGH = 12  # pairs of frames that tell the focal length of all
 SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
-# px: standard deviation of the skew and stretch that depth adds to a pair of frames, for a px of speed
-_DEPTH = 0.006
 _STIFFNESS_EVERY = 96  # frames
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
@@ -175,7 +174,7 @@ class CameraMotion:
         if self.turns is not None:
             moments = pairwise(shot.clock_s)
             pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
-        problem = Problem(pairs, focal, starts, _DEPTH)
+        problem = Problem(pairs, focal, starts, DEPTH)
         likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)), shot.fit_before())
         fit = steady(likeliest, problem, self.ratio.value)
         shot.fitted = np.floor(shot.times[0]), likeliest

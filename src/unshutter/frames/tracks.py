@@ -25,6 +25,8 @@ _NEAR_PLANE = 0.004  # of the diagonal: largest distance of a background track f
 _SHARP = 0.4  # least share of those tracks within a third of that distance; 0.1 to 0.35 are by chance
 _SPREAD = 4.0  # times the median distance from the homography: tracks farther away are discarded
 _LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): distance always tolerated
+_RIVAL = 0.6  # a second plane with so many tracks, as a share of the first one's, may be the background instead
+_SAME_PLACE = 0.002  # of the diagonal: corners of a frame that are as close as this are the same one
 _STILL = 0.0003  # of the diagonal: smaller displacements count as still
 _PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: larger displacements pass by; of the tracks: fewer may be mistakes
 _CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
@@ -49,6 +51,11 @@ class Tracks:
     def only(self, selection: Bool[np.ndarray, "tracks"]) -> Tracks:
         """Returns a selection of the tracks."""
         return replace(self, start=self.start[selection], end=self.end[selection])
+
+    def turned(self) -> Tracks:
+        """Returns the tracks of pictures that are turned by 180 degrees."""
+        last = np.array([self.width - 1, self.height - 1])
+        return replace(self, start=last - self.start, end=last - self.end)
 
     def split(self, every: int) -> tuple[Tracks, Tracks]:
         """Returns these tracks without every so many of them, and those."""
@@ -108,7 +115,7 @@ class Background:
     passing: bool = False  # whether something moved in front of the camera while it stood still
 
 
-def background(tracks: Tracks, readout_ratio: float | None = None) -> Background:
+def background(tracks: Tracks, readout_ratio: float | None = None, before: Background | None = None) -> Background:
     """Returns the tracks that one homography explains at a single moment; near and moving objects are discarded.
 
     Rows are exposed at different times, so tracks of one plane do not agree with a homography as they are. Each is
@@ -119,17 +126,16 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
 
     Args:
         readout_ratio: of the camera; None: half a frame interval, which is close enough for this.
+        before: background of the two frames before, whose second one is the first one here. Of two planes that are
+            about as large, the one that was the background before still is.
     """
     if len(tracks) < max(_FEWEST, _LEAST_TRACKED * tracks.looked_for):
         cut = len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
         return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False, cut=cut)
-    ratio = GUESSED_RATIO if readout_ratio is None else readout_ratio
     diagonal = float(np.hypot(tracks.height, tracks.width))
     moved = tracks.end - tracks.start
     still = np.hypot(*moved.T) < _STILL * diagonal
-    speed = moved / (1 + ratio * moved[:, 1:] / tracks.height)
-    at_once = tracks.start - speed * ratio * (tracks.start[:, 1:] / tracks.height - 0.5)
-    plane = _of_one_plane(at_once, at_once + speed, tracks)
+    plane = _largest_plane(tracks, GUESSED_RATIO if readout_ratio is None else readout_ratio, before)
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
         return Background(tracks.only(still), joined=True, still=True, passing=True)
@@ -137,6 +143,43 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     passing = np.hypot(*moved.T) > _PASSES * diagonal
     cut = not joined and len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
     return Background(tracks.only(plane), bool(joined), cut, passing=passing.sum() > _FEW_PASS * len(tracks))
+
+
+def _largest_plane(tracks: Tracks, ratio: float, before: Background | None) -> Bool[np.ndarray, "tracks"]:
+    """Returns which tracks move with the largest plane, or with the one that was the background before."""
+    fewest = max(_FEWEST, _LEAST_AGREEING * len(tracks))
+    plane = np.zeros(len(tracks), bool)
+    for guess in dict.fromkeys((ratio, GUESSED_RATIO)):  # the speed of a camera that shakes is not that within a frame
+        plane = _of_one_plane(*_at_once(tracks, guess), tracks)
+        if plane.sum() >= fewest:
+            break
+    goes_on = _share_known(tracks.start[plane], tracks, before)
+    if np.isnan(goes_on) or goes_on > 0.5:
+        return plane
+    others = np.flatnonzero(~plane)
+    if len(others) < _RIVAL * plane.sum():
+        return plane
+    rest = tracks.only(~plane)
+    rival = np.zeros(len(tracks), bool)
+    rival[others] = _of_one_plane(*_at_once(rest, guess), rest)
+    is_rival = rival.sum() >= max(_FEWEST, _RIVAL * plane.sum())
+    return rival if is_rival and _share_known(tracks.start[rival], tracks, before) > 2 * goes_on else plane
+
+
+def _share_known(points: np.ndarray, tracks: Tracks, before: Background | None) -> float:
+    """Returns the share of corners that were followed into this frame with the background before; NaN: it is unknown."""
+    if before is None or not len(before.tracks) or not len(points):
+        return np.nan
+    apart = np.linalg.norm(points[:, None] - before.tracks.end, axis=-1).min(axis=1)
+    return float(np.mean(apart < _SAME_PLACE * float(np.hypot(tracks.height, tracks.width))))
+
+
+def _at_once(tracks: Tracks, ratio: float) -> tuple[Float64[np.ndarray, "tracks 2"], Float64[np.ndarray, "tracks 2"]]:
+    """Returns starts and ends as seen when the middle rows are exposed, if each moves evenly."""
+    moved = tracks.end - tracks.start
+    speed = moved / (1 + ratio * moved[:, 1:] / tracks.height)
+    start = tracks.start - speed * ratio * (tracks.start[:, 1:] / tracks.height - 0.5)
+    return start, start + speed
 
 
 def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndarray:

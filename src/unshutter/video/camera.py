@@ -1,8 +1,8 @@
 """What is known of a clip's camera: readout time and direction, lens, and gyro log.
 
-The readout time comes from the user, the clip's file, its gyro log, the table of cameras or the clip's frames, or else
-a usual value is taken. A clip is never rejected because its readout time is unknown: the usual value comes with a
-range, and if the frames cannot show a difference for any time in that range, nothing is changed.
+The readout time comes from the user, the clip's file, its gyro log, the table of cameras or the clip's frames. Where
+these show that rows were read one after another, but not how fast, a usual value is taken, which comes with a range. If
+the frames cannot show a difference for any time in that range, or do not show a rolling shutter, nothing is changed.
 """
 
 from __future__ import annotations
@@ -154,8 +154,10 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, step
         _check_agreement(time.ratio(clip.interval_s), shown)
         return time
     except UnknownRatioError as error:
-        unseen = shown is not None and shown.says_nothing_for_it and listed is None
-        declined = stabilised or (Reason(Code.NO_WOBBLE) if unseen else None)
+        declined = stabilised
+        if declined is None and listed is None and (shown is None or not shown.wobbles):
+            would_show = shown is not None and shown.would_show
+            declined = Reason(Code.NO_WOBBLE) if would_show else error.reason
         return replace(listed or usual_time(request), instead_of=error.reason, declined=declined)
 
 

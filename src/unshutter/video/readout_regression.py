@@ -198,9 +198,14 @@ class Regression:
         return abs(t) > _SURE and abs(self.columns.t) > 2 * abs(self.rows.t)
 
     @property
-    def says_nothing_for_it(self) -> bool:
+    def wobbles(self) -> bool:
+        """Whether rows were probably read one after another, from the top, however fast."""
+        return self.t > _LIKELY and abs(self.columns.t) < abs(self.rows.t)
+
+    @property
+    def would_show(self) -> bool:
         """Whether the clip would show a rolling shutter by now, if it had one."""
-        return abs(self.t) < _LIKELY and self.error < _WOULD_SHOW
+        return self.error < _WOULD_SHOW
 
 
 def regression(runs: Sequence[Run]) -> Regression | None:
