@@ -40,6 +40,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="also run the tests marked thorough: make test-all")
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than processors: tests often wait, for a browser and for programs that they start."""
+    return 1 + (os.cpu_count() or 1)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leaves out the thorough tests, unless all are wanted."""
     if config.getoption("--all"):

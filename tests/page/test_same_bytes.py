@@ -1,7 +1,5 @@
 """One photo or clip, one result: the page, the command line and Python write the same bytes, whatever the format."""
 
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from io import BytesIO
@@ -12,23 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import unshutter
 from support import clips
 from support.page_server import events, opened, run_command
 from support.rich_files import exif
 
 RATIO = 0.6  # of the clips' readout, so that no test looks for it
-PHOTOS_IN_PYTHON = """
-import sys, pathlib, unshutter
-for photo in map(pathlib.Path, sys.argv[2:]):
-    result = unshutter.rectify(photo)
-    name = f"{photo.stem}.rectified{photo.suffix}" if result.changed else photo.name
-    result.save(pathlib.Path(sys.argv[1]) / name)
-"""
-CLIPS_IN_PYTHON = """
-import sys, pathlib, unshutter
-for clip in map(pathlib.Path, sys.argv[2:]):
-    unshutter.rectify_clip(str(clip), str(pathlib.Path(sys.argv[1]) / clip.name), readout_ratio=0.6)
-"""
 
 
 @pytest.fixture(scope="module")
@@ -83,11 +70,6 @@ def _written(folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.iterdir() if not file.name.startswith("unshutter-")}
 
 
-def _in_python(program: str, out: Path, files: list[Path]) -> None:
-    out.mkdir()
-    subprocess.run([sys.executable, "-c", program, str(out), *map(str, files)], check=True)
-
-
 def _no_corner_is_black(file: bytes) -> bool:
     pixels = np.asarray(Image.open(BytesIO(file)).convert("RGB")).astype(int).sum(axis=-1)
     return all(pixels[row, col] > 30 for row in (0, -1) for col in (0, -1))
@@ -97,7 +79,11 @@ def test_photos(client: httpx.Client, photos: list[Path], tmp_path: Path) -> Non
     on_page = _from_the_page(client, [opened(client, photo) for photo in photos], {})
     log = tmp_path / "log.jsonl"
     run_command("rectify", *photos, "-o", tmp_path / "commands", "--each-alone", "--json-log", log)
-    _in_python(PHOTOS_IN_PYTHON, tmp_path / "python", photos)
+    (tmp_path / "python").mkdir()
+    for photo in photos:
+        result = unshutter.rectify(photo)
+        name = f"{photo.stem}.rectified{photo.suffix}" if result.changed else photo.name
+        result.save(tmp_path / "python" / name)
     assert sorted(on_page) == sorted(_written(tmp_path / "commands")) == sorted(_written(tmp_path / "python"))
     differing = {
         name: (
@@ -131,9 +117,9 @@ def test_a_batch_and_a_cluster(photos: list[Path], tmp_path: Path) -> None:
 
 
 def test_clips(client: httpx.Client, tmp_path: Path) -> None:
-    originals, commands = tmp_path / "clips", tmp_path / "commands"
-    originals.mkdir()
-    commands.mkdir()
+    originals, commands, python = (tmp_path / name for name in ("clips", "commands", "python"))
+    for folder in (originals, commands, python):
+        folder.mkdir()
     moving = clips.moving(12)[1]
     films = [
         clips.write(originals / "walk.mkv", moving, "ffv1", sound=True),
@@ -145,9 +131,9 @@ def test_clips(client: httpx.Client, tmp_path: Path) -> None:
         answer = client.post("/api/clips", content=film.read_bytes(), headers={"Unshutter-Name": film.name})
         ids.append(answer.json()["id"])
         run_command("video", film, "-o", commands / film.name, "--readout-ratio", RATIO)
-    _in_python(CLIPS_IN_PYTHON, tmp_path / "python", films)
+        unshutter.rectify_clip(str(film), str(python / film.name), readout_ratio=RATIO)
     on_page = _from_the_page(client, ids, {"readout-ratio": str(RATIO)})
     assert list(on_page) == ["walk.rectified.mkv", "walk.rectified.mov", "still.mkv"]
     for film, content in zip(films, on_page.values(), strict=True):
-        assert content == (commands / film.name).read_bytes() == (tmp_path / "python" / film.name).read_bytes()
+        assert content == (commands / film.name).read_bytes() == (python / film.name).read_bytes()
         assert (content == film.read_bytes()) == (film.stem == "still")

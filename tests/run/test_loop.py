@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
+from support.covering import thorough
 from unshutter.run.loop import Batch, InThisProcess, Workers
 from unshutter.run.plan import Plan
 from unshutter.run.report import Report
@@ -108,7 +109,7 @@ def hang_on_b(job: Job) -> Outcome:
     return Outcome(note=str(os.getpid()))
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [thorough(1), 2])
 def test_a_photo_that_hangs_is_given_up_and_the_others_are_done(count: int, tmp_path: Path, capsys) -> None:
     jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdefgh"]
     start = time.monotonic()

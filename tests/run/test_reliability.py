@@ -80,7 +80,7 @@ def test_workers_end_when_their_parent_is_killed(motion: Path, tmp_path: Path) -
 @posix
 def test_two_runs_on_one_folder(motion: Path, tmp_path: Path) -> None:
     archive, out = tmp_path / "archive", tmp_path / "out"
-    make_photos(archive, [f"{k:03}.jpg" for k in range(150)])
+    make_photos(archive, [f"{k:03}.jpg" for k in range(80)])
     assert rectify(archive, "-o", tmp_path / "straight", "--motion", motion) == 0
     both = [start_rectify(archive, "-o", out, "--motion", motion) for _ in range(2)]
     told = sorted((process.communicate(timeout=120)[1], process.returncode) for process in both)

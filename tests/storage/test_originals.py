@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import unshutter
+from support.covering import covering
 from support.drawn_photos import drawn, encoded, one_line
 from unshutter import Photo, RowMotion, UnshutterError
 
@@ -97,8 +98,10 @@ def frames(*given: Any) -> Any:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs links")
-@pytest.mark.parametrize("move", [stays, other_folder, renamed, linked, second_name, in_renamed_folder])
-@pytest.mark.parametrize("given", GIVEN)
+@pytest.mark.parametrize(
+    ("given", "move"),
+    covering(list(GIVEN), [stays, other_folder, renamed, linked, second_name, in_renamed_folder]),
+)
 def test_what_a_result_was_made_from(given: str, move: Callable[[], str], here: Path) -> None:
     before = contents(here)
     argument = GIVEN[given]()

@@ -219,18 +219,6 @@ def test_a_preview_shows_both(tmp_path, name):
     assert name.endswith("mp4") or Photo.open(shown).software == "unshutter --preview"  # no run takes it for a photo
 
 
-@pytest.mark.parametrize("frames", [60])
-def test_the_readout_time_is_found(tmp_path, frames, capsys):
-    greys = clips.moving(frames, clips.shaken(3.0))[1]
-    before = clips.write(tmp_path / "in.mkv", greys, "ffv1")
-    log = tmp_path / "log.jsonl"
-    assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log)]) == 0
-    record = json.loads(log.read_text())
-    assert record["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
-    assert 0 < record["readout_ratio_sd"] < 0.08 and record["found_by"] == "motion"
-    assert "readout time" in capsys.readouterr().err
-
-
 def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
     """Neither a readout time that is found nor the result is printed; the caller is record of both."""
     still, calls, steps = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1"), [], []

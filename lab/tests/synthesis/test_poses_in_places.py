@@ -8,6 +8,7 @@ import pytest
 
 import unshutter
 from support import clips
+from support.covering import thorough
 from support.turning_poses import errors_px, write_model
 from unshutter_lab.synthesis.panorama import Camera, Place
 from unshutter_lab.synthesis.sequences import TurningCamera
@@ -16,7 +17,7 @@ FRAMES = range(3, 15, 2)
 CAMERA = Camera.of_view(240, 320, 62.0, yaw=30, tilt=5)
 
 
-@pytest.mark.parametrize("place", ["hansaplatz", "leadenhall_market", "palermo_sidewalk"])
+@pytest.mark.parametrize("place", ["hansaplatz", thorough("leadenhall_market"), thorough("palermo_sidewalk")])
 def test_points_of_a_place_are_projected_where_their_rows_saw_them(place: str, tmp_path: Path) -> None:
     seen = Place.load(Path(str(files("unshutter_lab"))) / "places" / place)
     size = {"height": CAMERA.height, "width": CAMERA.width, "focal_px": CAMERA.focal_px}
