@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, pan
-from unshutter.frames.camera import ROWS, Problem, steady, turn_between
+from unshutter.frames.camera import ROWS, Fit, Problem, steady, turn_between
 from unshutter.frames.self_calibration import focal_from_motion
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.rotations import rotation_vector
@@ -90,3 +90,24 @@ def test_the_turn_between_two_frames_with_strays():
         turn = turn_between(tracks, FOCAL * UNIT)
         off = (turn - rotation_vector(after @ before.T)) * FOCAL
         assert np.abs(off).max() < 0.15  # px
+
+
+def test_the_path_of_one_window_becomes_that_of_the_next_without_a_step():
+    """Both agree from frame to frame; the later one turns within all frames alike by as much as a wave adds."""
+    knots = 4 * 30 + 3
+    time = np.arange(knots) / 4
+    shared = np.stack([np.sin(time / 3), np.cos(time / 4), 0 * time, 0 * time], axis=1)
+    wave = 0.3 * np.sin(2 * np.pi * time)[:, None]
+    earlier = Fit(shared[:80] + 7.0, 200.0, 0.1, 1.0, 0.0)
+    later = Fit(shared + wave, 200.0, 0.1, 1.0, 0.0)
+    joined = later.after(earlier, at=10.0, over=8.0)
+
+    def lean(fit, frame):
+        return fit.turn(np.array([frame + 0.5]))[0] - fit.turn(np.array([frame + 0.25]))[0]
+
+    assert lean(joined, 6) == pytest.approx(lean(earlier, 6), abs=1e-9)
+    assert lean(joined, 22) == pytest.approx(lean(later, 22), abs=1e-9)
+    off = [float(np.linalg.norm(lean(joined, k) - lean(earlier, k))) for k in range(8, 19)]
+    steps = np.diff(off)
+    whole = float(np.linalg.norm(lean(later, 18) - lean(earlier, 18)))
+    assert off[-1] == pytest.approx(whole, rel=0.1) and np.abs(steps).max() < 0.25 * whole

@@ -140,6 +140,27 @@ class Fit:
         """Returns the fit for times counted from so many frames later, to start another one from."""
         return replace(self, coefficients=self.coefficients[PER_FRAME * frames :])
 
+    def after(self, earlier: Fit, at: float, over: float) -> Fit:
+        """Returns the fit with another one faded out, so that the path goes on without a step.
+
+        Windows that overlap agree about how the camera moved from frame to frame, but not quite about how far it turned
+        within all frames alike, which hardly shows.
+
+        Args:
+            earlier: fit of the frames before, for times counted as here.
+            at: time up to which the path is the earlier one's [frame intervals].
+            over: time that it takes to become this one's [frame intervals].
+        """
+        shared = min(len(self.coefficients), len(earlier.coefficients))
+        share = np.clip((at + over - np.arange(shared) / PER_FRAME) / over, 0.0, 1.0)[:, None]
+        scaled = earlier.coefficients[:shared] * (self.focal_px / earlier.focal_px)
+        apart = scaled - self.coefficients[:shared]
+        fading = (share > 0) & (share < 1)
+        apart -= apart[fading[:, 0]].mean(axis=0) if fading.any() else apart[-1]
+        coefficients = self.coefficients.copy()
+        coefficients[:shared] += share * apart
+        return replace(self, coefficients=coefficients)
+
     def of_knots(self, knots: int) -> Float64[np.ndarray, "knots 4"]:
         """Returns the coefficients of so many knots: if these are more, the camera goes on at the speed it had."""
         known = self.coefficients[:knots]

@@ -242,8 +242,10 @@ class Shot:
     before: int = 0  # number of kept frames that are no longer waiting
     # why the readout ratio could not be estimated; None if it was, or was not attempted
     why_unknown: Reason | None = None
-    # fit of the frames before those waiting, and the time from which its times are counted [frame intervals]
+    # likeliest fit of the frames before those waiting, and the path that was taken for their motion; with the time from
+    # which their times are counted [frame intervals]
     fitted: tuple[float, Fit] | None = None
+    taken: tuple[float, Fit] | None = None
     _last: GreyFrame | None = None
     _next: Background | None = None
     _clear: int = 0  # number of pairs in a row, the last ones, whose tracks nearly all move with the camera
@@ -305,11 +307,11 @@ class Shot:
         self.waiting.append(frame)
         self._last = frame
 
-    def fit_before(self) -> Fit | None:
-        """Returns the last fit, for times counted as the next ones are; None if there is none that overlaps."""
-        if self.fitted is None:
+    def as_now(self, known: tuple[float, Fit] | None) -> Fit | None:
+        """Returns an earlier fit, for times counted as the next ones are; None if there is none that overlaps."""
+        if known is None:
             return None
-        since, fit = self.fitted
+        since, fit = known
         frames = int(np.floor(self.times[0]) - since)
         return fit.later(frames) if len(fit.coefficients) > PER_FRAME * frames + 1 else None
 

@@ -167,7 +167,7 @@ def _largest_plane(tracks: Tracks, ratio: float, before: Background | None) -> B
 
 
 def _share_known(points: np.ndarray, tracks: Tracks, before: Background | None) -> float:
-    """Returns the share of corners that were followed into this frame with the background before; NaN: it is unknown."""
+    """Returns the share of corners that were followed into this frame with the background before; NaN if unknown."""
     if before is None or not len(before.tracks) or not len(points):
         return np.nan
     apart = np.linalg.norm(points[:, None] - before.tracks.end, axis=-1).min(axis=1)
