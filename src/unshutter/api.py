@@ -16,7 +16,7 @@ from unshutter.motion.verdict import judge
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo, Upright
 from unshutter.options.fields import check_type, implemented_by
 from unshutter.photo import Photo
-from unshutter.photo.photo import AnyPhoto, check_size, open_photo
+from unshutter.photo.photo import PhotoLike, check_size, open_photo
 from unshutter.single.drawn_lines import DrawnLine, StraightenedLines, motion_from_lines, read_lines
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.network import SegmentNetwork
@@ -30,7 +30,7 @@ from unshutter.storage.opened import Opened
 
 
 def _rectify(
-    photo: AnyPhoto,
+    photo: PhotoLike,
     estimator: str | Estimator,
     motion: Finding | Motion | str | os.PathLike[str] | None,
     how: Find,
@@ -58,7 +58,7 @@ def _rectify(
 
 @implemented_by(_rectify, how=Find, undo=Undo)
 def rectify(
-    photo: AnyPhoto,
+    photo: PhotoLike,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
     motion: Finding | Motion | str | os.PathLike[str] | None = None,
@@ -112,7 +112,7 @@ def rectify(
 
 
 def _estimate(
-    photo: AnyPhoto,
+    photo: PhotoLike,
     estimator: str | Estimator,
     lines: Sequence[DrawnLine] | str | os.PathLike[str] | None,
     how: Find,
@@ -131,7 +131,7 @@ def _estimate(
 
 @implemented_by(_estimate, how=Find, undo=Undo)
 def estimate(
-    photo: AnyPhoto,
+    photo: PhotoLike,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
     lines: Sequence[DrawnLine] | str | os.PathLike[str] | None = None,
@@ -171,7 +171,7 @@ def estimate(
     ...
 
 
-def _candidates(photo: AnyPhoto, estimator: str | Estimator, how: Find, undo: Undo) -> tuple[Candidate, ...]:
+def _candidates(photo: PhotoLike, estimator: str | Estimator, how: Find, undo: Undo) -> tuple[Candidate, ...]:
     how, loaded = _chosen(estimator, how)
     row = undo.reference or "first"
     if how.candidate is not None:
@@ -181,7 +181,7 @@ def _candidates(photo: AnyPhoto, estimator: str | Estimator, how: Find, undo: Un
 
 @implemented_by(_candidates, how=Find, undo=Undo)
 def candidates(
-    photo: AnyPhoto,
+    photo: PhotoLike,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
     readout: str = "auto",

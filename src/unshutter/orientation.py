@@ -95,7 +95,7 @@ _STEPS = {
 
 
 class Orientation(IntEnum):
-    """The transformation that a viewer applies to stored pixels, with EXIF's values. Any other number counts as 1."""
+    """The transformation that a viewer applies to stored pixels, with EXIF's values. Other numbers count as 1."""
 
     NORMAL = 1
     FLIP_LEFT_RIGHT = 2

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from unshutter.errors import visible
 
 if TYPE_CHECKING:
+    import rich.progress
+
     from unshutter.readout_time import ReadoutTime
 
 Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
@@ -29,7 +31,7 @@ class Progress:
     """A progress bar on standard error; shows nothing if that is not a terminal or there is only one item."""
 
     def __init__(self, total: int, what: str = "photos"):
-        self._bar: Any = None
+        self._bar: rich.progress.Progress | None = None
         if total > 1 and _has_standard_error() and sys.stderr.isatty():
             self._bar = _bar()
             self._task = self._bar.add_task(what, total=total, rate="")
@@ -126,7 +128,7 @@ def rate(per_second: float | None) -> str:
     return f"{per_second:.1f}/s" if per_second >= 1 else f"{1 / per_second:.1f} s each"
 
 
-def _bar() -> Any:
+def _bar() -> rich.progress.Progress:
     """Creates the bar: progress, speed and remaining time."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -24,6 +25,9 @@ from unshutter.reasons import Code, MotionSource, Reason
 from unshutter.single.estimator import View
 
 if TYPE_CHECKING:
+    from av import VideoFrame
+    from av.container import InputContainer
+
     from unshutter.motion.shapes import Float64, UInt8
     from unshutter.photo.film import PhotoFilm
 
@@ -67,17 +71,18 @@ def decoded(film: PhotoFilm) -> Film | None:
     return Film(frames, np.array(times), film.moment_s) if frames else None
 
 
-def _frames(container: Any, moment_s: float | None) -> Any:
+def _frames(container: InputContainer, moment_s: float | None) -> Iterator[VideoFrame]:
     """Yields the frames around a moment from the longest video stream of a container."""
     films = [stream for stream in container.streams.video if stream.codec_context is not None]
     if not films:
         return
     film = max(films, key=lambda each: each.frames)  # some phones store a sharper copy of the photo in a second one
     film.thread_type = "AUTO"
+    tick_s = film.time_base or 1
     if moment_s is not None and moment_s > _LONG_S:
-        if film.duration and moment_s > ((film.start_time or 0) + film.duration) * film.time_base + _ABOUT_S:
+        if film.duration and moment_s > ((film.start_time or 0) + film.duration) * tick_s + _ABOUT_S:
             return
-        container.seek(int((moment_s - _ABOUT_S - 1) / film.time_base), stream=film)
+        container.seek(int((moment_s - _ABOUT_S - 1) / tick_s), stream=film)
     for number, frame in enumerate(container.decode(film)):
         if number > _MOST_BEFORE + _MOST_FRAMES:
             return
@@ -88,11 +93,12 @@ def _frames(container: Any, moment_s: float | None) -> Any:
         yield frame
 
 
-def _grey(frame: Any) -> np.ndarray:
+def _grey(frame: VideoFrame) -> np.ndarray:
     """Returns the small grey copy in which corners are tracked."""
     shrink = max(min(frame.height, frame.width) / TRACKED_SIDE, 1.0)
-    size = {"width": round(frame.width / shrink), "height": round(frame.height / shrink)}
-    return frame.to_ndarray(format="gray", interpolation="AREA", **size)
+    width = round(frame.width / shrink)
+    height = round(frame.height / shrink)
+    return frame.to_ndarray(format="gray", interpolation="AREA", width=width, height=height)
 
 
 NAME = "film"

@@ -5,10 +5,18 @@ from __future__ import annotations
 import os
 from functools import cache
 from types import ModuleType
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from av import VideoFrame
+    from av.container import InputContainer
+    from av.sidedata.sidedata import SideData
+    from av.stream import Stream
 
 # ending of a film's name -> FFmpeg's format that writes it as one file
 FILM_FORMATS = {
@@ -81,14 +89,13 @@ class _Seekable:
         return self._stream.seekable()
 
 
-def open_to_read(source: BinaryIO | str, **arguments: Any) -> Any:
+def open_to_read(source: BinaryIO | str, options: dict[str, str] | None = None) -> InputContainer:
     """Opens a film for reading; by default, PyAV 18 refuses one whose tags are not UTF-8, and PyAV 19 reads it."""
-    if int(av().__version__.partition(".")[0]) < 19:
-        arguments["metadata_errors"] = "replace"
-    return av().open(source if isinstance(source, str) else _Seekable(source), **arguments)
+    lenient = {"metadata_errors": "replace"} if int(av().__version__.partition(".")[0]) < 19 else {}
+    return av().open(source if isinstance(source, str) else _Seekable(source), options=options, **lenient)
 
 
-def tags(source: Any) -> dict[str, str]:
+def tags(source: InputContainer | Stream) -> dict[str, str]:
     """Returns a container's or stream's tags as printable text; PyAV 19 returns undecodable bytes as surrogates."""
     return {
         key: value.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
@@ -96,7 +103,8 @@ def tags(source: Any) -> dict[str, str]:
     }
 
 
-def side_data(frame: Any) -> dict[str, bytes]:
+def side_data(frame: VideoFrame) -> dict[str, bytes]:
     """Returns a frame's side data by FFmpeg's names: iteration gives the data in PyAV 18, their types in PyAV 19."""
-    found = [frame.side_data[k] for k in range(len(frame.side_data))]
+    stored = cast("Sequence[SideData]", frame.side_data)
+    found = [stored[k] for k in range(len(stored))]
     return {data.type.name: bytes(data) for data in found}

@@ -32,7 +32,7 @@ from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
-from unshutter.photo.photo import AnyPhoto, check_size, files_behind, open_photo
+from unshutter.photo.photo import PhotoLike, check_size, files_behind, open_photo
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Cause, MotionSource
 from unshutter.storage.opened import Opened
@@ -221,7 +221,7 @@ def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
 
 @for_python(Clock, Camera, Undo, Neighbours)
 def rectify_frames(
-    frames: Iterable[AnyPhoto],
+    frames: Iterable[PhotoLike],
     *,
     readout_ratio: float | None = None,
     readout_ms: float | None = None,

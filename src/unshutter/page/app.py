@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import TypeVar
 from urllib.parse import unquote
 
 from starlette.applications import Starlette
@@ -272,7 +272,7 @@ def _wishes(desk: Desk, body: JsonObject) -> tuple[To, list[Item]]:
     return to, [_item(desk, each) for each in photos]
 
 
-def _item(desk: Desk, each: Any) -> Item:
+def _item(desk: Desk, each: object) -> Item:
     id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
     if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options)):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
@@ -337,12 +337,12 @@ def _open_file(request: Request) -> OpenFile:
     return _desk(request).store.get(request.path_params["id"])
 
 
-async def _do(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: Any) -> R:
+async def _do(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: object) -> R:
     """Runs a job on the open photo or clip whose id is in the address."""
     return await _desk(request).lanes.do(urgency, job, _open_file(request), *arguments)
 
 
-async def _do_while_wanted(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: Any) -> R:
+async def _do_while_wanted(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: object) -> R:
     """Runs a long job, and stops it once nobody waits for its answer any more."""
     work = asyncio.create_task(_do(request, urgency, job, *arguments))
     gone = asyncio.ensure_future(request.receive())
@@ -392,7 +392,7 @@ def _shown(jpeg: bytes, facts: JsonObject) -> Response:
     return Response(jpeg, media_type="image/jpeg", headers={"unshutter-result": _header(facts)})
 
 
-def _header(value: Any) -> str:
+def _header(value: object) -> str:
     """Encodes a value as ASCII JSON for use in a header."""
     return json.dumps(value, separators=(",", ":"))
 

@@ -1,6 +1,6 @@
 """Middleware that protects the server from other sites, from strangers, and from requests too large or slow.
 
-Any website can make a browser send requests to 127.0.0.1. Three checks keep them out: the Host must be one of ours
+Websites can make a browser send requests to 127.0.0.1. Three checks keep them out: the Host must be one of ours
 (which rules out DNS rebinding), the Origin must be the page's own, and the API requires the access token, which other
 sites cannot read.
 """
@@ -12,7 +12,6 @@ import ipaddress
 import secrets
 import time
 from contextlib import suppress
-from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -150,7 +149,7 @@ class Limits:
 class Connection(H11Protocol):
     """HTTP connection that closes if no request arrives, sooner if its place is needed; uvicorn's own would wait."""
 
-    def connection_made(self, transport: Any) -> None:
+    def connection_made(self, transport: asyncio.Transport) -> None:
         """See asyncio.Protocol."""
         super().connection_made(transport)
         loop = asyncio.get_running_loop()

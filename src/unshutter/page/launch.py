@@ -9,7 +9,6 @@ import time
 import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.frames.pyav import FILM_FORMATS
@@ -19,6 +18,8 @@ from unshutter.run.inputs import PHOTO_SUFFIXES
 from unshutter.storage.files import check_plain
 
 _START_S = 60.0  # a slow disc may need seconds to load the program
+# flags on Windows of a process that a closed terminal does not end
+_ON_ITS_OWN = subprocess.DETACHED_PROCESS | subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0
 _LOOK_S = 0.05
 _LOG = "page.log"
 
@@ -71,7 +72,8 @@ def _started_page(folder: Path, id: str) -> RunningPage:
             stdout=subprocess.DEVNULL,
             stderr=errors,
             cwd=folder,  # so that no disc is kept from being unmounted
-            **_on_its_own(),
+            creationflags=_ON_ITS_OWN,
+            start_new_session=True,  # where these flags do not exist
         )
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
@@ -83,10 +85,3 @@ def _started_page(folder: Path, id: str) -> RunningPage:
         time.sleep(_LOOK_S)
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     raise UnshutterError(lines[-1].removeprefix("unshutter: ") if lines else "the page did not start in time")
-
-
-def _on_its_own() -> dict[str, Any]:
-    """Returns how to start a process that a closed terminal does not end."""
-    if sys.platform == "win32":
-        return {"creationflags": subprocess.DETACHED_PROCESS | subprocess.CREATE_NEW_PROCESS_GROUP}
-    return {"start_new_session": True}

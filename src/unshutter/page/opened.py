@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from unshutter.errors import errors_in_one_line
 from unshutter.options import Neighbours
@@ -27,7 +27,9 @@ from unshutter.reasons import JsonObject
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import ArrayLike
 
+T = TypeVar("T")
 Kind: TypeAlias = Literal["photo", "clip"]
 
 _NOTE_S = 0.2  # between progress updates
@@ -81,7 +83,7 @@ def hash_options(*values: object) -> str:
     return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
 
 
-def put(file: Path, write: Callable[[Path], Any]) -> None:
+def put(file: Path, write: Callable[[Path], object]) -> None:
     """Writes a file atomically, since another worker may be writing it at the same time."""
     part = file.with_name(f"{os.getpid()}-{file.name}")  # with its suffix, which may determine the format
     write(part)
@@ -93,7 +95,7 @@ def put_text(file: Path, text: str) -> None:
     put(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
-def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], Any]) -> Any:
+def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], T]) -> T:
     """Returns what ``make`` returned as JSON for these options, made now unless a worker has done so before."""
     file = open_file.path.with_name(f"{what}-{hash_options(*key)}.json")
     if not file.exists():
@@ -138,7 +140,7 @@ def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
         return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
 
 
-def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
+def shares(col: ArrayLike, row: ArrayLike, size: tuple[int, int], orientation: int) -> np.ndarray:
     """Converts stored positions ([N] each, pixel centres at whole numbers) to [N, 2] shares of the upright picture.
 
     ``size`` is width and height of the stored picture [px].
@@ -150,7 +152,7 @@ def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.nd
     return np.stack(Orientation(orientation).upright_point(across, down), axis=-1)
 
 
-def pixels_of(across: Any, down: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
+def pixels_of(across: ArrayLike, down: ArrayLike, size: tuple[int, int], orientation: int) -> np.ndarray:
     """Converts shares ([N] each) of the upright picture to [N, 2] stored positions; inverts :func:`shares`."""
     import numpy as np
 

@@ -11,7 +11,7 @@ import socket
 import threading
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
@@ -60,20 +60,21 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
         desk = Desk.open(settings, folder)
-        options: dict[str, Any] = {
-            "log_config": None,
-            "access_log": False,
-            "server_header": False,
-            "lifespan": "off",
-            "ws": "none",
-            "http": Connection,
-            "limit_concurrency": _MOST_CONNECTIONS,
-            "timeout_graceful_shutdown": _WAIT_S,
-        }
+        config = uvicorn.Config(
+            application(desk, token, port, tabs),
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            ws="none",
+            http=Connection,
+            limit_concurrency=_MOST_CONNECTIONS,
+            timeout_graceful_shutdown=_WAIT_S,
+        )
         hangup = getattr(signal, "SIGHUP", None)  # not available on Windows
         if hangup is not None and signal.getsignal(hangup) not in (None, signal.SIG_IGN):
             uvicorn.server.HANDLED_SIGNALS += (hangup,)  # it stops the server as SIGTERM does
-        server = uvicorn.Server(uvicorn.Config(application(desk, token, port, tabs), **options))
+        server = uvicorn.Server(config)
         if home is not None:
             publish(home, RunningPage(port, token, tabs.proof, os.getpid()))
         link_file = _announce(settings, port, token, folder)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from unshutter.errors import UnshutterError, UsageError, as_flag, shortened, visible
 from unshutter.frames.pyav import FILM_FORMATS
@@ -171,7 +171,7 @@ def _parsed(kind: type[T], form: Mapping[str, str], photo: Callable[[str], Path]
         if name not in known:
             raise UsageError(f"unknown field '{shortened(name)}': choose one of {', '.join(sorted(known))}")
 
-    def value(option: Option) -> Any:
+    def value(option: Option) -> object:
         text = form.get(option.name, "")
         if text == "" or not option.on_page:
             return option.default
@@ -180,7 +180,7 @@ def _parsed(kind: type[T], form: Mapping[str, str], photo: Callable[[str], Path]
     return with_values(kind, value)
 
 
-def _value(option: Option, text: str) -> Any:
+def _value(option: Option, text: str) -> object:
     if option.type is bool:
         if text.lower() not in (*_YES, *_NO):
             raise UsageError(f"field '{option.name}' takes true or false, got '{shortened(text)}'")

@@ -25,7 +25,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from unshutter import version
 from unshutter.errors import UnshutterError, UsageError
@@ -234,7 +234,7 @@ class _Lane:
         self._pid: int | None = None
         self._endings: list[threading.Thread] = []
 
-    async def do(self, work: Callable[..., Any], *arguments: Any) -> Any:
+    async def do(self, work: Callable[..., R], *arguments: object) -> R:
         """Runs a job in the worker process."""
         future = None
         try:
@@ -290,7 +290,7 @@ class Lanes:
         self._numbers = itertools.count()
         self._rests: dict[_Lane, asyncio.TimerHandle] = {}
 
-    async def do(self, urgency: Urgency, work: Callable[..., R], *arguments: Any) -> R:
+    async def do(self, urgency: Urgency, work: Callable[..., R], *arguments: object) -> R:
         """Runs a job in a worker process as soon as one is free."""
         lane = await self._free_lane(urgency)
         try:

@@ -9,7 +9,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeGuard
+from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, Save
@@ -371,10 +371,10 @@ _TYPES = "a path, bytes, a file opened in binary mode, an array, a Pillow image 
 _PILLOW_MODES = ("L", "LA", "RGB", "RGBA", "I;16")
 
 
-AnyPhoto: TypeAlias = "str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO | np.ndarray | Image | Photo"
+PhotoLike: TypeAlias = "str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO | np.ndarray | Image | Photo"
 
 
-def open_photo(argument: Any, max_pixels: int = MAX_PIXELS) -> Photo:
+def open_photo(argument: PhotoLike, max_pixels: int = MAX_PIXELS) -> Photo:
     """Opens the photo that an argument represents; files with more than ``max_pixels`` are refused.
 
     Bytes and streams are encoded files; floating-point pixels from 0 to 1 are converted to 16 bits; of a Pillow image,
@@ -387,7 +387,7 @@ def open_photo(argument: Any, max_pixels: int = MAX_PIXELS) -> Photo:
     if isinstance(argument, (bytes, bytearray, memoryview)):
         return Photo.from_bytes(bytes(argument), max_pixels)
     made_from = files_behind(argument)
-    if callable(getattr(argument, "read", None)):
+    if _is_file(argument):
         data = argument.read()
         if not isinstance(data, bytes):
             raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
@@ -399,7 +399,7 @@ def open_photo(argument: Any, max_pixels: int = MAX_PIXELS) -> Photo:
     return replace(photo, given=given, made_from=made_from)
 
 
-def files_behind(argument: Any) -> Sequence[Opened]:
+def files_behind(argument: object) -> Sequence[Opened]:
     """Returns the files behind an argument that :func:`open_photo` takes."""
     if isinstance(argument, Photo):
         return argument.made_from
@@ -414,13 +414,17 @@ def check_size(height: int, width: int, subject: str = "the photo", **files: obj
         raise UnshutterError(f"{subject} is {size}; both sides must be at least {SMALLEST_SIDE} px", **files)
 
 
-def _is_pillow(argument: Any) -> TypeGuard[Image]:
+def _is_file(argument: object) -> TypeGuard[IO]:
+    return callable(getattr(argument, "read", None))
+
+
+def _is_pillow(argument: object) -> TypeGuard[Image]:
     """Whether the argument is a Pillow image; if it is, Pillow has been imported already."""
     module = sys.modules.get("PIL.Image")
     return module is not None and isinstance(argument, module.Image)
 
 
-def _pixels(argument: Any) -> Any:
+def _pixels(argument: object) -> np.ndarray:
     """Returns uint8 or uint16 pixels of an array or a Pillow image."""
     import numpy as np
 

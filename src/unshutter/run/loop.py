@@ -35,7 +35,7 @@ class Workers:
     elsewhere: bool = False  # whether a job may run twice because a worker died unnoticed
     timeout_s: float | None = None  # longest duration of a job; None: no limit
     # whether a job whose worker died had used up its time
-    is_overdue: Callable[[Future[Outcome]], bool] = lambda _: False
+    is_overdue: Callable[[Future], bool] = lambda _: False
 
 
 class InThisProcess(Executor):

@@ -40,7 +40,7 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
         pools.append(TimedPool(count, limit_s, settle_only_worker if all_processors else settle_worker))
         return pools[-1]
 
-    def is_overdue(future: Future[T]) -> bool:
+    def is_overdue(future: Future) -> bool:
         return any(each.is_overdue(future) for each in pools)
 
     _keep_tracker_from_hanging_up()
@@ -146,11 +146,11 @@ class TimedPool(ProcessPoolExecutor):
             future.add_done_callback(self._set_free)
         return future
 
-    def _set_free(self, future: Future[T]) -> None:
+    def _set_free(self, future: Future) -> None:
         if future.cancelled() or not isinstance(future.exception(), BrokenExecutor):
             self._free.append(self._places.pop(future))
 
-    def is_overdue(self, future: Future[T]) -> bool:
+    def is_overdue(self, future: Future) -> bool:
         """Whether an unfinished job had used up its time when the pool broke."""
         place = self._places.get(future)
         began = 0.0 if place is None else self._began[place]

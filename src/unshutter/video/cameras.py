@@ -120,7 +120,7 @@ class CameraMode(Profile):
         return abs(rate / self.fps - 1) <= _SAME_RATE
 
 
-AnyProfile = TypeVar("AnyProfile", bound=Profile)
+ProfileT = TypeVar("ProfileT", bound=Profile)
 
 
 @cache
@@ -273,17 +273,17 @@ def as_text(modes: Iterable[CameraMode]) -> str:
     )
 
 
-def tagged(profiles: Iterable[AnyProfile], make: str, model: str) -> list[AnyProfile]:
+def tagged(profiles: Iterable[ProfileT], make: str, model: str) -> list[ProfileT]:
     """Returns the profiles of the camera that a file names by make, which may be empty, and model."""
     return [profile for profile in profiles if _is_of(profile, make, model)]
 
 
-def named(profiles: Iterable[AnyProfile], word: str) -> list[AnyProfile]:
+def named(profiles: Iterable[ProfileT], word: str) -> list[ProfileT]:
     """Returns the profiles of cameras whose name, with the lens, contains a word, in any case and spelling."""
     return [profile for profile in profiles if _is_named(profile.name, word)]
 
 
-def closest(profiles: list[AnyProfile], name: str) -> list[AnyProfile]:
+def closest(profiles: list[ProfileT], name: str) -> list[ProfileT]:
     """Returns the profiles of the camera that has just this name, without longer names; all if there is none."""
     return [profile for profile in profiles if _spelled(name) in _names(profile)] or profiles
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -225,7 +224,9 @@ def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator
     looked_at: list[np.ndarray] = []
     waiting: deque[np.ndarray] = deque()
 
-    def greys(frames: Iterable[np.ndarray], side: int, into: list[np.ndarray] | deque[np.ndarray]) -> Iterator[Any]:
+    def greys(
+        frames: Iterable[np.ndarray], side: int, into: list[np.ndarray] | deque[np.ndarray]
+    ) -> Iterator[np.ndarray]:
         for frame in frames:
             _check(frame, first)
             into.append(frame)

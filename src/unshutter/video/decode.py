@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, TypeVar
+from itertools import islice
+from typing import TYPE_CHECKING, TypeVar
 
 from unshutter.errors import UnshutterError
 from unshutter.video import containers
@@ -70,7 +71,6 @@ def _checked(frame: VideoFrame, clip: ClipFacts) -> VideoFrame:
 # ---- ahead of their use --------------------------------------------------------------------------------------------
 
 _T = TypeVar("_T")
-_END = object()
 
 
 def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
@@ -79,15 +79,20 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
     When the iterator is closed, the thread ends after its current item and closes its own source.
     """
     source = iter(items)
-    waiting = deque[Future[Any]]()
+    waiting = deque[Future[list[_T]]]()
     with ThreadPoolExecutor(1) as thread:
         try:
-            waiting.extend(thread.submit(next, source, _END) for _ in range(most))
-            while (item := waiting.popleft().result()) is not _END:
-                waiting.append(thread.submit(next, source, _END))
-                yield item
+            waiting.extend(thread.submit(_next, source) for _ in range(most))
+            while item := waiting.popleft().result():
+                waiting.append(thread.submit(_next, source))
+                yield item[0]
         finally:
             for future in waiting:
                 future.cancel()
             if isinstance(source, Generator):
                 thread.submit(source.close)
+
+
+def _next(items: Iterator[_T]) -> list[_T]:
+    """Returns the next item, in a list that is empty at the end."""
+    return list(islice(items, 1))

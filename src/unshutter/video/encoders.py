@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.frames.pyav import av
@@ -14,6 +14,7 @@ from unshutter.options.clip_options import Encode
 from unshutter.video.clip import ClipFacts, Coding
 
 if TYPE_CHECKING:
+    from av.container import OutputContainer
     from av.video.stream import VideoStream
 
 
@@ -80,12 +81,12 @@ class Encoder:
             options["svtav1-params"] = ":".join(hdr)
         return cls(name, format_, options, bits_per_s=rate or None)
 
-    def add_to(self, container: Any, clip: ClipFacts, size: tuple[int, int]) -> VideoStream:
+    def add_to(self, container: OutputContainer, clip: ClipFacts, size: tuple[int, int]) -> VideoStream:
         """Adds a stream with this encoder to a container, for frames of a clip's kind and of a size (height, width)."""
         coding = clip.coding
         rate = coding.rate
         try:
-            stream = container.add_stream(self.name, rate=rate, options=dict(self.options))
+            stream = cast("VideoStream", container.add_stream(self.name, rate=rate, options=dict(self.options)))
         except ValueError:
             raise UnshutterError(f"'{container.format.name}' files cannot contain {self.name}") from None
         context = stream.codec_context
@@ -160,7 +161,7 @@ def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
     return film_base
 
 
-def _follow(stream: Any, coding: Coding, tagged: bool) -> None:
+def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:
     """Copies the settings that only an encoder of the same kind can adopt."""
     context = stream.codec_context
     tag = coding.tag

@@ -14,7 +14,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, final
+from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
@@ -26,6 +26,7 @@ from unshutter.photo.libvips import Source, field, in_plain_words, memory_return
 
 if TYPE_CHECKING:
     import numpy as np
+    from pi_heif import HeifImage
 
 
 _THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
@@ -164,11 +165,11 @@ def _upright_pixels(source: Source) -> np.ndarray:
     return pixels
 
 
-def _channels(picture: Any) -> str:
+def _channels(picture: HeifImage) -> str:
     return picture.mode.partition(";")[0]  # one letter per channel
 
 
-def _primary(source: Source) -> Any:
+def _primary(source: Source) -> HeifImage:
     try:
         import pi_heif
     except ImportError:

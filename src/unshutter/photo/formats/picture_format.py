@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, ClassVar, NamedTuple
 
 from unshutter.errors import UnshutterError
 from unshutter.options import PictureFormat
@@ -304,13 +304,13 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
         raise UnshutterError(f"{{photo}} has {image.bands} channels: convert it to grey or RGB first", photo=source)
 
 
-def decoded(format: WrittenFormat, source: Source, fail_on: str = "error", **options: Any) -> np.ndarray:
+def decoded(format: WrittenFormat, source: Source, fail_on: str = "error", **options: object) -> np.ndarray:
     """Decodes the pixels [H, W, bands]."""
     with refusing("{photo} is damaged or incomplete", photo=source):
         return computed(readable(format, source).load(format.loader, access="sequential", fail_on=fail_on, **options))
 
 
-def encode(picture: Picture, operation: str, path: Path | None, **options: Any) -> bytes | None:
+def encode(picture: Picture, operation: str, path: Path | None, **options: object) -> bytes | None:
     """Encodes a picture by one of libvips's savers, see WrittenFormat; a placeholder is written instead of EXIF."""
     image = _with_fields(picture.image, picture.metadata, picture.orientation)
     options["keep"] = _KEEP if picture.metadata.exif is None else _KEEP | _KEEP_EXIF

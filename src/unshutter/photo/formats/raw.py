@@ -7,7 +7,7 @@ Most raw files are TIFFs, some of them with another magic number. Fuji's contain
 is a box file like HEIC with a TIFF for each directory. For other kinds, no tags are read.
 
 LibRaw silently treats missing data as zeros: a truncated file becomes a picture that is black from some row on. A file
-that is complete according to its own tables counts as complete. Any other is decoded a second time with extra bytes
+that is complete according to its own tables counts as complete. All others are decoded a second time with extra bytes
 after its end: values that differ were missing.
 
 Source: TIFF 6.0 (strips, tiles); TIFF/EP, DNG 1.6 (sub-directories); ISO/IEC 14496-12 (boxes); the public descriptions
@@ -24,7 +24,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from threading import Lock
-from typing import TYPE_CHECKING, Any, BinaryIO, final
+from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter import errors
 from unshutter.errors import UnshutterError
@@ -36,6 +36,7 @@ from unshutter.photo.libvips import Source, libvips
 
 if TYPE_CHECKING:
     import numpy as np
+    import rawpy
 
 _CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
 _DNG_VERSION = 0xC612
@@ -112,7 +113,7 @@ class Raw(Format):
 
 
 @contextmanager
-def _opened(source: Source) -> Iterator[Any]:
+def _opened(source: Source) -> Iterator[rawpy.RawPy]:
     try:
         import rawpy
     except ImportError:
