@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -27,8 +26,7 @@ from unshutter.motion.lens import Lens
 from unshutter.options import Camera, Clock, Reference, Undo, check_focal
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
-from unshutter.photo import Photo
-from unshutter.photo.photo import open_photo
+from unshutter.photo.photo import PhotoLike, open_photo
 from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code, Reason
 
@@ -40,7 +38,6 @@ _FADE = 8.0  # frames, over which the path of one window becomes that of the nex
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
-_FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ class CameraMotion:
     _stiffness: float | None = field(default=None, init=False)
     _since_search: int = field(default=0, init=False)  # frames since the stiffness was searched for
 
-    def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
+    def frames(self, frames: Iterable[PhotoLike]) -> Iterator[FrameMotion]:
         """Yields the motion of each frame, in order, some frames after reading it; memory use is constant."""
         return self.motions(self.look(frame) for frame in frames)
 
@@ -103,7 +100,7 @@ class CameraMotion:
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
 
-    def look(self, frame: _FRAME) -> GreyFrame:
+    def look(self, frame: PhotoLike) -> GreyFrame:
         """Returns the grey copy of a frame from which its motion is estimated."""
         photo = open_photo(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
@@ -212,7 +209,7 @@ class CameraMotion:
 
 @for_python(Clock, Camera, Undo)
 def estimate_frames(
-    frames: Iterable[_FRAME],
+    frames: Iterable[PhotoLike],
     *,
     readout_ratio: float | None = None,
     readout_ms: float | None = None,

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from itertools import chain, islice, pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -43,7 +43,7 @@ Model = Literal["camera", "dense", "alone"]
 class Frame:
     """A photo of a sequence, and the flow to the next one."""
 
-    def __init__(self, source: Any, readout: Readout, inputs: Sequence[Opened] | None = None) -> None:
+    def __init__(self, source: PhotoLike, readout: Readout, inputs: Sequence[Opened] | None = None) -> None:
         photo = open_photo(source)
         self.photo, self._readout = photo if inputs is None else replace(photo, made_from=inputs), readout
         self.to_next: Link | None = None
@@ -279,7 +279,7 @@ def _with_advice(pictures: Iterator[RectifiedFrame]) -> Iterator[RectifiedFrame]
         raise error.with_advice("give readout_ratio, or readout_ms and fps") from None
 
 
-def _each(frames: Iterator[Any], options: SequenceOptions, inputs: list[Opened]) -> Iterator[RectifiedFrame]:
+def _each(frames: Iterator[PhotoLike], options: SequenceOptions, inputs: list[Opened]) -> Iterator[RectifiedFrame]:
     """Yields the result of each frame; none of them may replace one of the inputs, which those of an iterator join."""
     if options.time is None:
         head = list(islice(frames, SEARCHED))
@@ -297,7 +297,7 @@ def _each(frames: Iterator[Any], options: SequenceOptions, inputs: list[Opened])
     yield _by_any_means(before, current, None, options)
 
 
-def _with_ratio(frames: list[Any], options: SequenceOptions) -> SequenceOptions:
+def _with_ratio(frames: list[PhotoLike], options: SequenceOptions) -> SequenceOptions:
     """Returns the options with the readout ratio that the frames reveal; unchanged if nothing moves in them."""
     finder = CameraMotion(None, options.focal_px, options.readout)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
