@@ -4,6 +4,9 @@ A single photo is judged as if half of all photos moved. Of a hundred photos tha
 none moved, or, from a train, nearly all. Their own log odds (motion/finding.py, ``Chance``) show which, by expectation
 maximisation of the one unknown share. Every photo is first judged by itself; those that the share decides differently
 are then done again. The share that applies to a photo is found from the others, so a single photo changes nothing.
+
+Photos that name no camera may be those of strangers: that others moved does not show that this one did. They can only
+make one another more cautious.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ _ALIKE = 0.05  # log odds that differ less than this are the same
 class Judged:
     """What became of one photo of a folder."""
 
-    group: str  # folder, camera and hour
+    group: str  # folder, camera and hour, with "|" between them (run/work.py)
     log_odds: float  # that it moved, if half of all photos did
     turning_point: float  # log odds of the folder from which it is undone
     used: float  # log odds of the folder with which it was judged
@@ -54,6 +57,12 @@ class Judged:
         """Returns it ready for JSON."""
         numbers = {"log_odds": self.log_odds, "turning_point": self.turning_point, "used": self.used}
         return {"folder": {"group": self.group, **{name: round(number, 4) for name, number in numbers.items()}}}
+
+    @property
+    def most(self) -> float:
+        """Highest log odds that the others lend it: none that it moved, unless its camera is named."""
+        camera = self.group.rpartition("|")[0].rpartition("|")[2]
+        return MOST if camera else 0.0
 
 
 def shares_moved(log_odds: Sequence[float]) -> list[float]:
@@ -97,6 +106,7 @@ class Folder:
         for group in groups.values():
             for (job, judged), log_odds in zip(group, shares_moved([each.log_odds for _, each in group]), strict=True):
                 self.moved += _probability(judged.log_odds + log_odds)
+                log_odds = min(log_odds, judged.most)
                 turns = (log_odds > judged.turning_point) != (judged.used > judged.turning_point)
                 if turns and abs(log_odds - judged.used) > _ALIKE:
                     again.append(replace(job, folder_log_odds=round(log_odds, 4)))
