@@ -41,15 +41,15 @@ paper: $(NEWEST)/core  ## the same photo by the network of the paper that unshut
 	@echo "Look at examples/demo.paper.preview.jpg: before and after, side by side"
 
 test: $(ENV)/dev  ## each behaviour once, on all cores (TESTS=tests/frames: some of them)
-	$(call SAY_HOW_LONG,About 5 minutes)
+	$(call SAY_HOW_LONG,About 7 minutes)
 	$(BIN)/python $(PYTEST) $(TESTS)
 
 test-all: $(ENV)/dev  ## also whole products of cases, kills again and again, training, and the long commands of the docs
-	$(call SAY_HOW_LONG,About 8 minutes)
+	$(call SAY_HOW_LONG,About 9 minutes)
 	$(BIN)/python $(PYTEST) --all $(TESTS)
 
 test-newest: $(NEWEST)/dev  ## `make test` with the newest version of everything
-	$(call SAY_HOW_LONG,About 5 minutes)
+	$(call SAY_HOW_LONG,About 7 minutes)
 	$(NEWEST)/bin/python $(PYTEST) $(TESTS)
 
 test-lowest: $(LOWEST)/dev  ## `make test` with the oldest libraries that pyproject.toml allows; these use much that is deprecated

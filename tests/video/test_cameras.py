@@ -1,6 +1,5 @@
 """The table of cameras: what is in it, how it is listed, and when a clip takes its readout time from it."""
 
-import json
 import re
 from importlib.resources import files
 from statistics import median, quantiles
@@ -27,14 +26,6 @@ NEMO = [
 @pytest.fixture
 def nemo(monkeypatch):
     monkeypatch.setattr(cameras, "table", lambda: tuple(NEMO))
-
-
-def log_of(tmp_path, capsys, clip, *flags):
-    """(what the log says, what was printed) of a run."""
-    log = tmp_path / "log.jsonl"
-    words = ["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log), *flags]
-    assert main(words) == 0
-    return json.loads(log.read_text()), capsys.readouterr().err
 
 
 # ---- the table ----------------------------------------------------------------------------------------------
@@ -157,20 +148,20 @@ def test_what_the_table_does_not_have_is_refused(nemo, name, mode, complaint):
 
 
 @pytest.mark.parametrize("flags", [(), ("--camera", "nemo one")])
-def test_a_clip_takes_the_tables_readout_time(tmp_path, capsys, nemo, flags):
+def test_a_clip_takes_the_tables_readout_time(tmp_path, straighten, nemo, flags):
     tags = {} if flags else {"make": "Nemo", "model": "One"}
     clip = clips.write(tmp_path / "in.mkv", clips.standing(), "ffv1", tags=tags)
-    record, printed = log_of(tmp_path, capsys, clip, *flags)
+    _, record, printed = straighten(clip, *flags)
     assert record["readout_ms"] == pytest.approx(20) and record["found_by"] == "table of cameras"
     assert "readout time 20.0 ms, from table of cameras" in printed and "--readout-ms" not in printed
 
 
-def test_what_a_clip_shows_beats_profiles_that_disagree(tmp_path, capsys, monkeypatch):
+def test_what_a_clip_shows_beats_profiles_that_disagree(tmp_path, straighten, monkeypatch):
     wrong = [CameraMode("Nemo", "One", "", *SIZE, 30.0, 8.0, 6.0, 10.0, profiles=3)]
     monkeypatch.setattr(cameras, "table", lambda: tuple(wrong))
     greys = clips.moving(60, clips.shaken(3.0))[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
-    record, _ = log_of(tmp_path, capsys, clip, "--camera", "one", *clips.KNOWN[2:])
+    _, record, _ = straighten(clip, "--camera", "one", *clips.KNOWN[2:])
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=2)
 
 

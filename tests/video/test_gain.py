@@ -1,13 +1,10 @@
 """A clip is better afterwards, as tracks kept out of the fit show, or it is left alone."""
 
-import json
-
 import numpy as np
 import pytest
 
 from support import clips
 from support.hand_held import log_of, pan, still
-from unshutter.cli import main
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.reasons import Code
 from unshutter.video import cameras, gain
@@ -33,15 +30,13 @@ def listed(monkeypatch):
 
 
 @pytest.fixture
-def run(tmp_path, capsys):
+def run(tmp_path, straighten):
     """Rectifies frames as a clip; (the clip, the result, the log's record, what was printed)."""
 
     def rectified(greys, *flags):
-        clip, out, log = (tmp_path / name for name in ("in.mkv", "out.mkv", "log.jsonl"))
-        clips.write(clip, greys, "ffv1", "gray")
-        words = ["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]
-        assert main(words if "--readout-ms" in flags else [*words, "--camera", "nemo", *clips.KNOWN[2:]]) == 0
-        return clip, out, json.loads(log.read_text().splitlines()[-1]), capsys.readouterr().err
+        clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
+        known = () if "--readout-ms" in flags else ("--camera", "nemo", *clips.KNOWN[2:])
+        return clip, *straighten(clip, *flags, *known)
 
     return rectified
 

@@ -8,7 +8,6 @@ import pytest
 
 from support import clips
 from support.gpmf import entry, with_samples
-from unshutter.cli import main
 from unshutter.video.camera_tags import CameraTags
 from unshutter.video.clip import look
 from unshutter.video.mp4 import Movie
@@ -61,13 +60,12 @@ def test_a_file_of_another_kind_has_none(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool writes Apple's key")
-def test_a_clip_is_rectified_with_the_time_that_its_file_says(tmp_path, capsys):
+def test_a_clip_is_rectified_with_the_time_that_its_file_says(tmp_path, straighten):
     clip = clips.write(tmp_path / "in.mov", clips.standing())
     assert readout_tag(str(clip)) is None
     subprocess.run(["exiftool", "-q", "-overwrite_original", "-Keys:FrameReadoutTime#=0.0123", clip], check=True)
     tag = readout_tag(str(clip))
     assert tag.camera == "Apple" and tag.ms == pytest.approx(12.3)
-    log = tmp_path / "log.jsonl"
-    assert main(["video", str(clip), "-o", str(tmp_path / "out.mov"), "--json-log", str(log)]) == 0
-    assert '"readout_ms": 12.3' in log.read_text() and '"found_by": "the clip\'s file"' in log.read_text()
-    assert "this clip does not show its readout time" not in capsys.readouterr().err
+    _, record, printed = straighten(clip)
+    assert record["readout_ms"] == 12.3 and record["found_by"] == "the clip's file"
+    assert "this clip does not show its readout time" not in printed

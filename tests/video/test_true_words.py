@@ -1,13 +1,10 @@
 """What is said of a clip is true: hardly moved, missing frames, cuts, and how far the search is."""
 
-import json
-
 import numpy as np
 import pytest
 
 from support import clips
 from support.hand_held import log_of, pan
-from unshutter.cli import main
 from unshutter.frames.self_calibration import Shot
 from unshutter.frames.tracks import Tracks, background
 from unshutter.options.clip_options import RectifyClip, Shutter
@@ -16,47 +13,35 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.clip_rectification import rectify_clip_file
 
 
-@pytest.fixture
-def run(tmp_path, capsys):
-    """Rectifies a clip; (the log's record, what was printed)."""
-
-    def rectified(clip, *flags):
-        log = tmp_path / "log.jsonl"
-        assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log), *flags]) == 0
-        return json.loads(log.read_text()), capsys.readouterr().err
-
-    return rectified
-
-
-def test_a_camera_that_moves_gently_does_not_stand_still(tmp_path, run):
+def test_a_camera_that_moves_gently_does_not_stand_still(tmp_path, straighten):
     gentle = log_of(lambda t: 0.9 * np.sin(6 * t), lambda t: 0 * t, lambda t: 0.7 * np.sin(8 * t))
     clip = clips.write(tmp_path / "in.mkv", clips.moving(30, gentle)[1], "ffv1", "gray")
-    record, shown = run(clip, "--readout-ms", "5")
+    _, record, shown = straighten(clip, "--readout-ms", "5")
     assert [reason["code"] for reason in record["declined"]] == [Code.HARDLY_MOVED]
     assert "stood still" not in shown
 
 
-def test_a_short_readout_is_not_a_camera_that_stands_still(tmp_path, run):
+def test_a_short_readout_is_not_a_camera_that_stands_still(tmp_path, straighten):
     """From frame to frame the camera moves by a pixel, while one is read out by a hundredth of that."""
     clip = clips.write(tmp_path / "in.mkv", clips.moving(30, pan(9.0))[1], "ffv1", "gray")
-    record, _ = run(clip, "--readout-ratio", "0.01")
+    _, record, _ = straighten(clip, "--readout-ratio", "0.01")
     assert [reason["code"] for reason in record["declined"]] == [Code.HARDLY_MOVED]
 
 
-def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, run):
+def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, straighten):
     """Every seventh; the file says when the others are shown."""
     times = [k for k in range(75) if k % 7]
     greys = clips.moving(75)[1]
     clip = clips.write(tmp_path / "in.mkv", [greys[k] for k in times], "ffv1", "gray", times=[k / 30 for k in times])
-    record, shown = run(clip)
+    _, record, shown = straighten(clip)
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=1.6)
     assert 0 < record["readout_ratio_sd"] < 0.08 and "readout time" in shown
 
 
-def test_missing_frames_are_not_called_a_shaking_camera(tmp_path, run):
+def test_missing_frames_are_not_called_a_shaking_camera(tmp_path, straighten):
     """Every seventh is missing, and the file does not say where."""
     clip = clips.write(tmp_path / "in.mkv", [g for k, g in enumerate(clips.moving(60)[1]) if k % 7], "ffv1", "gray")
-    _, shown = run(clip, "--focal-px", str(clips.FOCAL))
+    _, _, shown = straighten(clip, "--focal-px", str(clips.FOCAL))
     assert "does not show its readout time" not in shown or "or missing frames" in shown
 
 
