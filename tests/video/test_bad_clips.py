@@ -152,7 +152,8 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
     path = clips.write(tmp_path / "in.mkv", GREYS[:12], "ffv1")
     assert main(["video", str(path), "-o", str(tmp_path / "out.mkv")]) == 0
     shown = capsys.readouterr().err
-    assert "no 20 frames in a row" in shown and "stood still" not in shown and "12 of 12 frames straightened" in shown
+    assert "no 20 frames in a row" in shown and "stood still" not in shown and "12 left unchanged" in shown
+    assert "give its readout time: --readout-ms" in shown
 
 
 @pytest.mark.parametrize(

@@ -33,9 +33,7 @@ def shaken(tmp_path_factory):
     return camera, clips.write(folder / "in.mkv", greys, "ffv1"), write_gcsv(folder / "in.gcsv", log)
 
 
-def test_a_vibration_is_undone_by_the_log_not_by_pictures_and_kept_in_a_motion_file(
-    tmp_path, straighten, shaken
-):
+def test_a_vibration_is_undone_by_the_log_not_by_pictures_and_kept_in_a_motion_file(tmp_path, straighten, shaken):
     camera, clip, log = shaken
     truth = clips.luma(clips.write(tmp_path / "truth.mkv", clips.truth(camera), "ffv1"))
     saved = tmp_path / "motion.json"

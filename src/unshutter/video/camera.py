@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from unshutter.errors import UnknownRatioError
+from unshutter.frames.frame_motion import AT_REST
 from unshutter.motion.lens import Lens
 from unshutter.options import check_focal
 from unshutter.orientation import Readout
@@ -154,11 +156,19 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, step
         _check_agreement(time.ratio(clip.interval_s), shown)
         return time
     except UnknownRatioError as error:
-        declined = stabilised
-        if declined is None and listed is None and (shown is None or not shown.wobbles):
-            would_show = shown is not None and shown.would_show
-            declined = Reason(Code.NO_WOBBLE) if would_show else error.reason
-        return replace(listed or usual_time(request), instead_of=error.reason, declined=declined)
+        untold = None if listed is not None else _why_left(evidence, shown, error.reason)
+        return replace(listed or usual_time(request), instead_of=error.reason, declined=stabilised or untold)
+
+
+def _why_left(evidence: Survey, shown: Regression | None, unknown: Reason) -> Reason | None:
+    """Returns why a clip that does not tell its readout time is left as it is; None if the usual time stands in.
+
+    That is so where it wobbles; and where its camera did not move, or has no second frame, it has no motion to undo.
+    """
+    at_rest = dict(unknown.figures).get("because") in AT_REST
+    if at_rest or len(list(islice(evidence.frames, 2))) < 2 or (shown is not None and shown.wobbles):
+        return None
+    return Reason(Code.NO_WOBBLE) if shown is not None and shown.would_show else unknown
 
 
 def _check_agreement(found: ReadoutRatio, shown: Regression | None) -> None:

@@ -160,9 +160,9 @@ def lens_in_survey(evidence: Survey) -> Lens | None:
 
 
 def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
-    """Returns the tracks between consecutive frames that show one scene."""
-    pairs = ((frame.since, frame.tracks, frame.background) for frame in frames[1:])
-    return [tracks for since, tracks, plane in pairs if since is not None and tracks and plane and not plane.cut]
+    """Returns the background's tracks between consecutive frames: what moves by itself turns with no lens."""
+    planes = (frame.background for frame in frames[1:] if frame.since is not None)
+    return [plane.tracks for plane in planes if plane is not None and plane.joined]
 
 
 def may_bend_lines(evidence: Survey) -> bool:
@@ -177,8 +177,8 @@ def _may_bend(pairs: Sequence[Tracks]) -> bool:
 
 def lens_in_greys(greys: Iterable[UInt8[np.ndarray, "rows columns"]]) -> Lens | None:
     """Finds the lens in grey copies of the first frames of a clip, and takes no more of them than it needs."""
-    pairs = (follow(before, after) for before, after in pairwise(greys))
-    same = (pair for pair in pairs if not background(pair).cut)
+    planes = (background(follow(before, after)) for before, after in pairwise(greys))
+    same = (plane.tracks for plane in planes if plane.joined)
     return _lens_in(*(islice(same, PART * many) for many in (1, 1, FURTHER)))
 
 

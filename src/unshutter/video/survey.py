@@ -29,11 +29,12 @@ class TrackedFrame:
     time_s: float
     since: float | None = None  # time since the previous frame [usual frame intervals]; None: that is no neighbour
     tracks: Tracks | None = None  # all tracks; None for the first frame of a part
+    before: Background | None = None  # tracks between the two frames before that move with the camera, if known
 
     @cached_property
     def background(self) -> Background | None:
         """The tracks that move with the camera."""
-        return None if self.tracks is None else background(self.tracks)
+        return None if self.tracks is None else background(self.tracks, before=self.before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +90,17 @@ def survey(
         part = []
         before = None
         grey_before = None
+        plane_before = None
         for frame in ahead(frames_of(request.clip, start, end), _AHEAD):
             grey = request.grey(frame, TRACKED_SIDE)
             tracked = TrackedFrame(frame.time or 0.0)
             if grey_before is not None:
                 since = request.clip.since(before, frame)
-                tracked = replace(tracked, since=since, tracks=follow(grey_before, grey))
+                tracked = TrackedFrame(tracked.time_s, since, follow(grey_before, grey), plane_before)
             part.append(tracked)
             before = frame
             grey_before = grey
+            plane_before = tracked.background
             if steps is not None:
                 steps.advance()
         parts.append(part)
