@@ -144,7 +144,7 @@ class Fit:
         """Returns the fit with another one faded out, so that the path goes on without a step.
 
         Windows that overlap agree about how the camera moved from frame to frame, but not quite about how far it turned
-        within all frames alike, which hardly shows.
+        within all frames alike, which is barely visible.
 
         Args:
             earlier: fit of the frames before, for times counted as here.
