@@ -17,7 +17,8 @@ class ReadoutSource(StrEnum):
     TAG = "the clip's file"
     GYRO_LOG = "gyro log"  # which states it
     GYRO = "gyro"  # compared with the frames
-    FRAMES = "motion"
+    FRAMES = "motion"  # at which time the camera's path is smoothest
+    REGRESSION = "regression"  # of how frames are skewed and stretched, on how the camera's speed changes
     TABLE = "table of cameras"
     USUAL = "usual value"
     MOTION_FILE = "motion file"
@@ -33,7 +34,7 @@ class ReadoutSource(StrEnum):
     @property
     def is_measured(self) -> bool:
         """Whether it was found in the frames, or by comparing them with a gyro log."""
-        return self in (ReadoutSource.FRAMES, ReadoutSource.GYRO)
+        return self in (ReadoutSource.FRAMES, ReadoutSource.REGRESSION, ReadoutSource.GYRO)
 
 
 @dataclass(frozen=True)

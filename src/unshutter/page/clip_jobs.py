@@ -77,16 +77,19 @@ def after(
 def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
     """Returns the readout time of a clip's camera, its error and its source as JSON."""
     with _look(open_file) as clip:
-        time = _camera_of(open_file, clip, options, progress_of(open_file)).readout
+        camera = _camera_of(open_file, clip, options, progress_of(open_file))
+        time = camera.readout
         return {
             "ratio": time.ratio(clip.interval_s).value,
             "ms": time.ms,
             "ms_sd": time.error_ms,
             "found_by": time.source,
             "cameras": time.camera,
+            "direction": camera.direction or "",  # in which rows were read, if the frames show another than usual
             # range of the typical time, of which no frame takes longer than one; None if the time is known
             "plausible_ms": time.plausible_ms and [min(each, 1000 * clip.interval_s) for each in time.plausible_ms],
-            "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time is used
+            "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time stands in
+            "left": time.declined is not None,  # whether the clip is left as it is, unless its time is given
         }
 
 

@@ -24,6 +24,8 @@ from unshutter.video.clip import ClipFacts, ClipRequest, look
 from unshutter.video.readout import runs_in_survey
 from unshutter.video.readout_regression import Regression, Run, regression
 
+_BY_FRAMES = ReadoutSource.FRAMES, ReadoutSource.REGRESSION
+
 
 @dataclass(frozen=True)
 class ClipMeasurement:
@@ -35,11 +37,17 @@ class ClipMeasurement:
     interval_s: float  # the usual time from one frame to the next [s]
     readout: ReadoutTime | None  # from the first row of a frame to the last; None if it is unknown
     direction: Readout | None  # in which the stored rows or columns were read; None if that is unknown
-    how: str  # how the readout time was found: regression, search, or the name of another source; empty: it was not
     reason: Reason | None = None  # why it was not found, or that there is no rolling shutter
     shown: Regression | None = None  # what the regression says; None if there are too few frames
     wobble_px: float | None = None  # wobble that this explains: RMS at the first and last rows, frame to frame [px]
     lens: Lens | None = None  # the lens, if it bends straight lines
+
+    @property
+    def how(self) -> str:
+        """How the readout time was found: regression, search, or the name of another source; empty: it was not."""
+        if self.readout is None:
+            return ""
+        return "search" if self.readout.source is ReadoutSource.FRAMES else str(self.readout.source)
 
     @property
     def is_global(self) -> bool:
@@ -148,10 +156,6 @@ def _of_camera(
 ) -> ClipMeasurement:
     """Returns the measurement for what is known of a camera."""
     is_known = time.source is not ReadoutSource.USUAL and time.plausible_s is None and time.declined is None
-    how = ""
-    if is_known:
-        by_rows = shown is not None and abs(shown.rows.ratio - time.ratio(size.interval_s).value) < 1e-6
-        how = ("regression" if by_rows else "search") if time.source is ReadoutSource.FRAMES else str(time.source)
     return ClipMeasurement(
         clips=clips,
         width=size.width,
@@ -159,7 +163,6 @@ def _of_camera(
         interval_s=size.interval_s,
         readout=time if is_known else None,
         direction=direction if is_known else None,
-        how=how,
         reason=None if is_known else time.declined or time.instead_of,
         shown=shown,
         wobble_px=None if shown is None else shown.wobble_px * px,
@@ -177,7 +180,7 @@ def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
     shown = regression([run for each in measured for run in each.runs])
     px = measured[0].px
     times = [each.readout for each in every if each.readout is not None]
-    stated = next((each for each in times if each.source is not ReadoutSource.FRAMES), None)
+    stated = next((each for each in times if each.source not in _BY_FRAMES), None)
     names = tuple(name for each in every for name in each.clips)
     direction = next((each.direction for each in every if each.direction is not None), Readout.TOP_TO_BOTTOM)
     if stated is not None:

@@ -173,7 +173,7 @@ class Regression:
     @property
     def readout(self) -> ReadoutRatio:
         """The ratio of a clip that was read from the top to the bottom."""
-        return ReadoutRatio(min(self.rows.ratio, 1.0), self.error, ReadoutSource.FRAMES)
+        return ReadoutRatio(min(self.rows.ratio, 1.0), self.error, ReadoutSource.REGRESSION)
 
     @property
     def is_sure(self) -> bool:

@@ -14,6 +14,7 @@ const LIMITS = { ms: { min: "0.1", max: "", step: "any" }, ratio: { min: "0.01",
 /** Where a readout time is from -> what is said of it. @type {Record<string, (readout: any) => string>} */
 const SOURCES = {
   motion: words.readoutEstimated,
+  regression: words.readoutEstimated,
   "table of cameras": words.readoutListed,
   "usual value": words.readoutListed,
   "the clip's file": words.readoutInFile,

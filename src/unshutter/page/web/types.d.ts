@@ -106,7 +106,9 @@ export interface ReadoutTime {
   ms_sd: number;
   found_by: string;
   cameras: string;
+  direction: string;
   plausible_ms: [number, number] | null;
+  left: boolean;
 }
 
 export type Progress = { what: string; done: number; total: number };

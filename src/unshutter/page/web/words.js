@@ -353,7 +353,8 @@ export const words = {
   readoutTimeOf: { find: "find it", camera: "that of a camera", ms: "in milliseconds", ratio: "as a share" },
   readoutTimeHelp: "How long the camera takes to read out one frame. Two seconds of uneven motion show it.",
   readoutValueOf: { ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
-  readoutListed: ({ ms, plausible_ms: range, cameras }) => {
+  readoutListed: ({ ms, plausible_ms: range, cameras, left }) => {
+    if (left) return "The clip does not show it and is left as it is; if you know it, choose it above.";
     if (range === null) return `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`;
     const [low, high] = range;
     const span = low === high ? "" : ` (anything from ${low.toFixed(1)} to ${high.toFixed(1)} ms)`;
@@ -361,8 +362,10 @@ export const words = {
     return `The clip does not show it, ${usual}; if you know yours, choose it above.`;
   },
   readoutInFile: ({ ms }) => `${ms.toFixed(1)} ms, from the clip's file.`,
-  readoutEstimated: ({ ms, ms_sd: sd, ratio }) =>
-    `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms, a readout ratio of ${ratio.toFixed(2)}.`,
+  readoutEstimated: ({ ms, ms_sd: sd, ratio, direction }) => {
+    const way = direction ? `, read ${direction.replaceAll("-", " ")}` : "";
+    return `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms, a readout ratio of ${ratio.toFixed(2)}${way}.`;
+  },
   partOf: "Only a part",
   clipToAll: "Use these settings for all clips",
   clipToAllDone: "All clips have these settings now.",
