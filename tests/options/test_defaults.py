@@ -10,7 +10,7 @@ import pytest
 
 import unshutter
 from unshutter.cli.arguments import parse
-from unshutter.cli.clip_command import COMMAND as VIDEO
+from unshutter.cli.clip_command import VIDEO
 from unshutter.cli.photo_commands import RECTIFY
 from unshutter.errors import as_keyword, with_options
 from unshutter.options import Camera, Rectify, Undo

@@ -56,6 +56,13 @@ def test_the_command_line(command: str, flag: str, digits: int, photo: str, caps
     assert not Path("out").exists()
 
 
+@pytest.mark.parametrize("command", ["rectify", "estimate", "video"])
+def test_at_least_one_pixel_is_allowed(command: str, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
+    name = "clip.mp4" if command == "video" else photo
+    assert main([command, name, "--max-pixels", "0"]) == 2
+    assert "--max-pixels must be at least 1, got 0" in capsys.readouterr().err
+
+
 def test_a_number_with_limits_says_them(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rectify", photo, "-o", "out.jpg", "--quality", "9" * 400]) == 2
     assert "--quality must lie between 1 and 100" in capsys.readouterr().err

@@ -17,7 +17,7 @@ from support.page_server import TOKEN, Asking, becomes, desk, events, served, te
 from unshutter import errors
 from unshutter.cli import main
 from unshutter.cli.arguments import parse
-from unshutter.cli.clip_command import COMMAND
+from unshutter.cli.clip_command import VIDEO
 from unshutter.errors import UsageError
 from unshutter.options.clip_options import RectifyClip
 from unshutter.page import app, saves
@@ -358,7 +358,7 @@ async def _pieces(data: bytes):
 def test_the_same_as_on_the_command_line() -> None:
     given = RATIO | {"strength": "0.5", "edges": "crop", "start": "1.5", "codec": "ffv1", "readout": "bottom-to-top"}
     words = [word for name, value in given.items() for word in (f"--{name}", value)]
-    assert read_clip(given) == parse("video", COMMAND, ["clip.mp4", "-o", "out.mp4", *words]).options
+    assert read_clip(given) == parse("video", VIDEO, ["clip.mp4", "-o", "out.mp4", *words]).options
 
 
 def test_what_is_for_the_command_line_alone() -> None:

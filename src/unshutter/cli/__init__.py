@@ -59,8 +59,8 @@ def _stop(number: int, _frame: object) -> None:
 # name -> its variable in this folder. Other packages add commands by entry points.
 COMMANDS = {
     "rectify": "photo_commands:RECTIFY",
-    "video": "clip_command:COMMAND",
-    "measure": "measure_command:COMMAND",
+    "video": "clip_command:VIDEO",
+    "measure": "clip_command:MEASURE",
     "cameras": "other_commands:CAMERAS",
     "estimate": "photo_commands:ESTIMATE",
     "map": "other_commands:MAP",

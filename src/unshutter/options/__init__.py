@@ -9,7 +9,7 @@ Nothing here imports NumPy, because the photo starts being decoded before that.
 
 # ruff: noqa: F401 (the room's face)
 
-from unshutter.options.fields import Names, check_time, option
+from unshutter.options.fields import Names, check_count, check_time, option
 from unshutter.options.photo_options import (
     DEFAULT_ESTIMATOR,
     MIN_CONFIDENCE,

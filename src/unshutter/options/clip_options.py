@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from unshutter.errors import UsageError
-from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_time, option
+from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_count, check_time, option
 from unshutter.options.fields import check_values
 from unshutter.options.photo_options import check_focal, check_ratio
 from unshutter.orientation import Readout
@@ -257,8 +257,7 @@ class RectifyClip:
         if self.steadiness.level and self.shutter.gyro == GYRO_OFF:
             raise UsageError("{--level} needs the clip's gyro log: leave out {--gyro} off")
         _check_span(self.start, self.end)
-        if self.max_pixels < 1:
-            raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
+        check_count("max-pixels", self.max_pixels)
 
     @property
     def may_be_copy(self) -> bool:

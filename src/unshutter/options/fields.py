@@ -61,6 +61,12 @@ def check_time(option: str, time: float | None, unit: str) -> None:
         raise UsageError(f"{{--{option}}} must be above 0 and at most {_LONGEST:g} {unit}, got {time:g} {unit}")
 
 
+def check_count(option: str, number: int | None) -> None:
+    """Checks the number of things that an option takes; None is allowed."""
+    if number is not None and number < 1:
+        raise UsageError(f"{{--{option}}} must be at least 1, got {number}")
+
+
 @dataclass(frozen=True)
 class Option:
     """An option as described by its field."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import option, positional
+from unshutter.options.fields import check_count, option, positional
 from unshutter.options.photo_options import Camera, Find, Neighbours, Reference, Save, Undo, model_for
 from unshutter.readout_time import ReadoutRatio
 
@@ -125,10 +125,8 @@ class Run:
             raise UsageError(f"{{--timeout}} must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
         if self.timeout is not None and self.scheduler is not None:
             raise UsageError("{--timeout} does not apply to the workers of a scheduler: leave it out")
-        if self.jobs is not None and self.jobs < 1:
-            raise UsageError(f"{{--jobs}} must be at least 1, got {self.jobs}")
-        if self.max_pixels < 1:
-            raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
+        check_count("jobs", self.jobs)
+        check_count("max-pixels", self.max_pixels)
         if self.jobs is not None and self.scheduler is not None:
             raise UsageError("{--jobs} is for this machine, {--scheduler} for a cluster: choose one")
 
@@ -175,6 +173,7 @@ class Estimate:
     find: Find = field(default_factory=Find)
 
     def __post_init__(self) -> None:
+        check_count("max-pixels", self.max_pixels)
         if self.candidates and (self.plot or self.find.candidate is not None):
             raise UsageError("{--candidates} lists all motions: leave out {--plot} and {--candidate}")
         if self.candidates and self.lines:

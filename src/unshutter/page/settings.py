@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from unshutter.errors import UnshutterError, UsageError, as_flag, shortened, visible
 from unshutter.frames.pyav import FILM_FORMATS
-from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, option
+from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, check_count, option
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
 from unshutter.reasons import JsonObject
@@ -64,8 +64,7 @@ class Settings:
             raise UsageError(f"{{--port}} must lie between 0 and 65535, got {self.port}")
         if self.max_mb is not None and not 1 <= self.max_mb <= _MOST_MB:
             raise UsageError(f"{{--max-mb}} must lie between 1 and {_MOST_MB}, got {self.max_mb}")
-        if self.max_pixels < 1:
-            raise UsageError(f"{{--max-pixels}} must be at least 1, got {self.max_pixels}")
+        check_count("max-pixels", self.max_pixels)
         if self.token is not None and not _TOKEN.fullmatch(self.token):
             raise UsageError("{--token} needs at least 8 characters, of letters, digits, - and _ only")
         if self.host not in LOCAL_HOSTS and not self.i_know:

@@ -10,7 +10,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.lens import Lens
@@ -18,7 +17,7 @@ from unshutter.options.clip_options import MeasureClips, RectifyClip
 from unshutter.options.fields import implemented_by
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutSource, ReadoutTime
-from unshutter.reasons import Code, Reason
+from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.camera import find_camera
 from unshutter.video.clip import ClipFacts, ClipRequest, look
 from unshutter.video.readout import runs_in_survey
@@ -60,7 +59,7 @@ class ClipMeasurement:
         sides = self.height, self.width
         return None if self.lens is None else round(self.lens.degrees(max(sides) / min(sides)), 1)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Returns the measurement, ready for JSON."""
         time = self.readout
         shown = self.shown
