@@ -33,6 +33,7 @@ from unshutter.video.survey import Survey, survey
 _LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
 _UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
 _WOULD_SHOW = 0.15  # error of a ratio that tells whether another one is possible
+_SKIPPED, _AT_FIRST = 3, 4  # every third part of a clip is surveyed first, if these are as many as four
 
 _Parts = Sequence[tuple[float | None, float | None]]
 
@@ -77,7 +78,7 @@ def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[
     else:
         rounds = 2 if what == SEARCH else 1  # tracking takes half of the time of a search
         steps = Steps(what, rounds * _frames_in(request, parts_s), request.observer.note_progress)
-        evidence = survey(request, parts_s, steps)
+        evidence = (_survey_until_sure if what == SEARCH else survey)(request, parts_s, steps)
     direction = _other_direction(request, evidence) if found is None else None
     if direction is not None:
         shutter = replace(request.options.shutter, readout=direction)
@@ -86,6 +87,18 @@ def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[
         return replace(camera, direction=direction), evidence
     camera = camera_from(request, evidence, log, found, steps)
     return camera, evidence.through(camera.lens)
+
+
+def _survey_until_sure(request: ClipRequest, parts_s: _Parts, steps: Steps) -> Survey:
+    """Returns the survey of every third part, where these tell the readout for certain, or else of all parts."""
+    if len(parts_s) < _AT_FIRST * _SKIPPED:
+        return survey(request, parts_s, steps)
+    first = survey(request, parts_s[1::_SKIPPED], steps)
+    shown = regression_in_survey(first)
+    if shown is not None and (shown.is_none or shown.is_precise):
+        return first
+    others = [part for k, part in enumerate(parts_s) if k % _SKIPPED != 1]
+    return first.with_parts(survey(request, others, steps))
 
 
 def _other_direction(request: ClipRequest, evidence: Survey) -> Readout | None:

@@ -6,7 +6,7 @@ distortion that frames can show.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -14,13 +14,13 @@ import numpy as np
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import focal_from_motion, ratio_from_motion
-from unshutter.frames.tracks import Tracks, straightened
+from unshutter.frames.tracks import Tracks
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.readout_regression import PairMotion, Regression, Run, regression, runs_of
+from unshutter.video.readout_regression import Regression, Run, regression, runs_of
 from unshutter.video.survey import Survey, TrackedFrame
 
 PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
@@ -45,18 +45,8 @@ def runs_in_survey(evidence: Survey) -> list[Run]:
         later = part[1:]
         tracks = later[0].tracks if later else None
         if tracks is not None:
-            runs += runs_of([(_motion_of_pair(each), each.since) for each in later], tracks.height / tracks.width)
+            runs += runs_of([(each.motion, each.since) for each in later], tracks.height / tracks.width)
     return runs
-
-
-def _motion_of_pair(frame: TrackedFrame) -> PairMotion | None:
-    plane = frame.background
-    if plane is None or not plane.joined:
-        return None
-    tracks = plane.tracks
-    start = straightened(tracks.start, tracks)
-    end = straightened(tracks.end, tracks)
-    return PairMotion.of(replace(tracks, start=start, end=end))
 
 
 def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None = None) -> ReadoutTime:

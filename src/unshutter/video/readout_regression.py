@@ -39,6 +39,7 @@ _SHIFTS = (-17, -13, -11, -9, -7, 7, 9, 11, 13, 17)  # frames, of the first cont
 _UNEVEN = 0.6  # intervals: pairs whose frames are farther apart than usual by this are left out
 _ROUNDS = 8  # of reweighting
 _SURE, _NONE = 6.0, 0.05  # t above which a readout is certain; ratio below which there is none
+_PRECISE = 20.0  # t above which the ratio's error is below 5 %
 _NONE_ERROR = 0.02  # largest standard error of a ratio that is none
 # t above which a ratio is likely, and the largest error that it may have; error at which any readout would show
 _LIKELY = 3.0
@@ -179,6 +180,11 @@ class Regression:
     def is_sure(self) -> bool:
         """Whether it is certain that rows were read one after another, and how fast."""
         return abs(self.t) > _SURE and abs(self.columns.t) < abs(self.rows.t)
+
+    @property
+    def is_precise(self) -> bool:
+        """Whether that is as certain as more frames of the clip need not make it."""
+        return self.is_sure and abs(self.t) > _PRECISE
 
     @property
     def is_likely(self) -> bool:

@@ -13,11 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from unshutter.frames.self_calibration import GreyFrame
-from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
+from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow, straightened
 from unshutter.motion.lens import Lens
 from unshutter.progress import Steps
 from unshutter.video.clip import ClipRequest
 from unshutter.video.decode import ahead, frames_of
+from unshutter.video.readout_regression import PairMotion
 
 _AHEAD = 3  # frames
 
@@ -35,6 +36,17 @@ class TrackedFrame:
     def background(self) -> Background | None:
         """The tracks that move with the camera."""
         return None if self.tracks is None else background(self.tracks, before=self.before)
+
+    @cached_property
+    def motion(self) -> PairMotion | None:
+        """Motion of the picture since the previous frame, through a lens that keeps lines straight; None if unknown."""
+        plane = self.background
+        if plane is None or not plane.joined:
+            return None
+        tracks = plane.tracks
+        start = straightened(tracks.start, tracks)
+        end = straightened(tracks.end, tracks)
+        return PairMotion.of(replace(tracks, start=start, end=end))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +70,10 @@ class Survey:
             for part in self.parts
         ]
         return replace(self, parts=seen)
+
+    def with_parts(self, other: Survey) -> Survey:
+        """Returns the survey of other parts of the clip, too."""
+        return Survey(sorted([*self.parts, *other.parts], key=lambda part: part[0].time_s))
 
     def runs(self, most: int, frames: int, skipped: int = 0) -> list[Sequence[TrackedFrame]]:
         """Returns series of consecutive frames that are spread evenly over the clip.
