@@ -40,14 +40,20 @@ def test_text_and_binary_models_say_the_same(tmp_path: Path) -> None:
 
 
 def test_every_camera_model_of_colmap_is_read(tmp_path: Path) -> None:
-    (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 3 street of 1.jpg\n")
-    for model, names in MODELS.items():
-        numbers = [str(10 + k) for k in range(len(names.split()))]
-        (tmp_path / "cameras.txt").write_text(f"3 {model} 640 480 {' '.join(numbers)}\n")
-        picture = read_model(tmp_path)[0]
-        assert picture.name == "street of 1.jpg"
-        assert picture.camera.focal_px == (10.0, 10.0 if names.startswith("f ") else 11.0)
-        assert picture.camera.matrix[1, 2] == (12.0 if names.startswith("f ") else 13.0)
+    text, binary = (tmp_path / name for name in ("text", "binary"))
+    text.mkdir()
+    binary.mkdir()
+    (text / "images.txt").write_text("1 1 0 0 0 0 0 0 3 street of 1.jpg\n")
+    picture = struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 0, 3) + b"street of 1.jpg\0" + struct.pack("<Q", 0)
+    (binary / "images.bin").write_bytes(picture)
+    for number, (model, names) in enumerate(MODELS.items()):
+        values = [10.0 + k for k in range(len(names.split()))]
+        (text / "cameras.txt").write_text(f"3 {model} 640 480 {' '.join(map(str, values))}\n")
+        (binary / "cameras.bin").write_bytes(struct.pack(f"<QIiQQ{len(values)}d", 1, 3, number, 640, 480, *values))
+        one, other = read_model(text)[0], read_model(binary)[0]
+        assert one.name == other.name == "street of 1.jpg" and one.camera == other.camera
+        assert one.camera.focal_px == (10.0, 10.0 if names.startswith("f ") else 11.0)
+        assert one.camera.matrix[1, 2] == (12.0 if names.startswith("f ") else 13.0)
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,19 @@ def test_nothing_waits(tmp_path: Path) -> None:
     assert digest(tmp_path / "pipe") is None
 
 
+@posix
+def test_what_takes_a_files_place_after_it_was_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "photo.jpg").write_bytes(b"photo")
+    (tmp_path / "symbolic").symlink_to("photo.jpg")
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.setattr(Path, "is_symlink", lambda _: False)
+    monkeypatch.setattr(Path, "is_file", lambda _: True)
+    with pytest.raises(UnshutterError, match="cannot write"):
+        open_plain(tmp_path / "symbolic", ADDING)
+    with pytest.raises(UnshutterError, match="not a plain file"):
+        open_plain(tmp_path / "pipe", os.O_RDONLY)
+
+
 def test_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         open_plain(tmp_path / "a", os.O_RDONLY)

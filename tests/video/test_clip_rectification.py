@@ -187,6 +187,15 @@ def test_cropped_frames_have_no_edges(tmp_path):
     assert not (cropped < 45).any()
 
 
+@pytest.mark.parametrize(("colour_range", "black"), [(1, 16), (2, 0)])
+def test_what_a_frame_does_not_see_is_as_black_as_its_range_allows(tmp_path, colour_range, black):
+    bright = [np.maximum(grey, 60) for grey in GREYS]
+    before = clips.write(tmp_path / "in.mkv", bright, "ffv1", colours=(colour_range,))
+    kept = clips.luma(straighten(before, "--edges", "keep", "--codec", "ffv1"))
+    values, counts = np.unique(kept[kept < 30], return_counts=True)
+    assert values[counts.argmax()] == black
+
+
 def test_a_part_of_a_clip_begins_at_0(tmp_path):
     before = clips.write(tmp_path / "in.mp4", GREYS, sound=True)
     after = straighten(before, "--start", "0.2", "--end", "0.4")
