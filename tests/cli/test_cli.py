@@ -242,7 +242,11 @@ def test_estimate_many_into_a_folder_and_a_plot(photo: Path) -> None:
     assert main(["estimate", str(photo), str(photo.parent / "second.png"), "-o", str(out)]) == 0
     assert sorted(p.name for p in out.iterdir()) == ["second.json", "street.json"]
     plot = photo.parent / "plot.png"
-    assert main(["estimate", str(photo), "-o", str(photo.parent / "m.json"), "--plot", str(plot)]) == 0
+    words = ["estimate", str(photo), "-o", str(photo.parent / "m.json"), "--plot", str(plot)]
+    assert main(words) == 0
+    assert Photo.open(plot).width > 500
+    plot.write_bytes(b"an old plot")
+    assert main([*words, "--overwrite"]) == 0
     assert Photo.open(plot).width > 500
 
 

@@ -4,7 +4,8 @@ import pytest
 
 from support.drawn_photos import textured
 from support.frame_pairs import Scene
-from unshutter.frames.flow import bilinear, flow_between, moved, pixel_grid, plane_between
+from unshutter.frames.flow import _plane_at_moment, bilinear, flow_between, moved, pixel_grid, plane_between
+from unshutter.frames.frame_motion import Timing
 
 WIDE = cv2.cvtColor(textured(300, 400), cv2.COLOR_RGB2GRAY)
 
@@ -65,3 +66,10 @@ def test_homography_of_a_perspective() -> None:
 def test_homography_of_nothing_to_follow_is_the_identity() -> None:
     blank = np.full((200, 280), 20, np.uint8)
     np.testing.assert_array_equal(plane_between(blank, blank), np.eye(3))
+
+
+def test_a_planes_velocities_at_a_moment_are_those_of_the_place() -> None:
+    plane = np.array([[1.02, 0.01, 1.0], [0.0, 1.02, -2.0], [1e-4, 0.0, 1.0]])
+    grid = pixel_grid(120, 160)
+    velocities = _plane_at_moment(plane, Timing(1e-3, 120), 0.0, 120, 160)
+    assert np.abs(velocities - (moved(plane, grid) - grid)).max() < 0.02

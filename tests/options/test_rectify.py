@@ -1,12 +1,13 @@
 """What follows from options for others."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from unshutter.errors import UsageError
-from unshutter.options import Find, Neighbours, Odds, Rectify, Undo
+from unshutter.options import Camera, Clock, Find, Neighbours, Odds, Rectify, Undo
 
 SEQUENCE = Neighbours(sequence=True)
 
@@ -34,3 +35,11 @@ def test_what_follows_from_options_for_others() -> None:
 def test_a_given_motion_has_no_least_confidence() -> None:
     with pytest.raises(UsageError, match="leave out --min-confidence"):
         Rectify(motion=Path("m.json"), undo=Undo(min_confidence=0.5)).settled()
+
+
+def test_a_sequence_needs_both_numbers_of_its_readout_or_none() -> None:
+    burst = replace(SEQUENCE, fallback=True)
+    for camera, clock in ((Camera(readout_ms=20), Clock()), (Camera(), Clock(fps=30))):
+        with pytest.raises(UsageError, match="give both"):
+            Rectify(find=Find(camera=camera), neighbours=replace(SEQUENCE, clock=clock)).settled()
+        Rectify(find=Find(camera=camera), neighbours=replace(burst, clock=clock)).settled()
