@@ -174,7 +174,7 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, step
 
 
 def _why_left(evidence: Survey, shown: Regression | None, unknown: Reason) -> Reason | None:
-    """Returns why a clip that does not tell its readout time is left as it is; None if the usual time stands in.
+    """Returns why a clip that does not tell its readout time is left unchanged; None if the usual time stands in.
 
     That is so where it wobbles; and where its camera did not move, or has no second frame, it has no motion to undo.
     """

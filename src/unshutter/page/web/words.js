@@ -354,7 +354,7 @@ export const words = {
   readoutTimeHelp: "How long the camera takes to read out one frame. Two seconds of uneven motion show it.",
   readoutValueOf: { ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
   readoutListed: ({ ms, plausible_ms: range, cameras, left }) => {
-    if (left) return "The clip does not show it and is left as it is; if you know it, choose it above.";
+    if (left) return "The clip does not show it and is left unchanged; if you know it, choose it above.";
     if (range === null) return `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`;
     const [low, high] = range;
     const span = low === high ? "" : ` (anything from ${low.toFixed(1)} to ${high.toFixed(1)} ms)`;
