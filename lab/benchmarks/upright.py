@@ -7,7 +7,7 @@ recorded with a readout of 50 ms). The truth is how the camera of the undistorte
 show; photos without any are passed over. Verticals and level lines (parallel to the picture) of the true scene are
 followed through distortion and correction at 25 places: what they lean or slope afterwards [degrees], median and 90th
 percentile of all photos. Without `full`, verticals are those in the middle column, because the others may converge.
-Last, how often the command says of a photo that it leans, where it is left unchanged.
+*Offered* are photos that are left unchanged and said to lean. Last, how often that is said of photos that lean.
 """
 
 from __future__ import annotations
@@ -64,13 +64,15 @@ def main() -> None:
             true = replace(held, roll_deg=held.roll_deg + roll, focal=held.focal * photo.height / len(rs))
             view = View(Photo.from_array(rs), Camera(focal_px=View(photo).known_focal_px()), View(photo).focal_px())
             found, shown = find_candidates(estimator, view)[0].finding, [rs]
+            offered = judge(found.fit(*rs.shape[:2]), Undo()).lean_deg is not None
             for wish in (None, "level", "full"):
                 verdict = judge(found.fit(*rs.shape[:2]), Undo(upright=wish))
                 done = render(view.photo, verdict, "keep")
                 errors = _left(done.motion, verdict.upright, truth, true, wish != "full")
                 if wish is None and not verdict.changes:
-                    told["leans" if errors[0] > 1 else "upright"].append(verdict.leans)
-                for name in (kind, f"{kind}, {'moved' if verdict.undoes else 'left'}"):
+                    told["leans" if errors[0] > 1 else "upright"].append(offered)
+                groups = (kind, f"{kind}, {'moved' if verdict.undoes else 'left'}", "offered" if offered else "not offered")
+                for name in groups:
                     rows[name, wish].append(errors)
                 shown.append(done.pixels)
             pictures.append((f"{path.stem} {kind} {roll:+.1f}", shown, errors))

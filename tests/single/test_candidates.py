@@ -12,6 +12,7 @@ from unshutter.options import Camera, Moving, Odds, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
 from unshutter.single.candidates import _reason_to_leave, candidates_of, modes_of
+from unshutter.single.prospects import MOST_AT_REST
 from unshutter.single.search import Optima, Posterior, displacement
 
 PAN, SHAKE = np.array([0.1, 0, 0, 0, 0, 0]), np.array([-0.05, 0.02, 0, 0.01, 0, 0])
@@ -64,6 +65,15 @@ def test_the_first_candidate_is_what_is_undone_and_one_is_the_photo_as_it_is(vie
     assert stood[0].kind == "still" and "still" not in [each.kind for each in stood[1:]]
     assert stood[0].probability > 0.7 > moved[-1].probability
     assert stood[0].finding.reason == Reason(Code.NO_VISIBLE_MOTION)
+
+
+def test_that_nothing_moved_is_never_said_to_be_sure(view: View) -> None:
+    still, moving = candidates_of(posterior_of(0.02 * PAN, -20), view, "me")
+    assert moving.probability is not None and moving.probability < 1 - MOST_AT_REST
+    assert still.probability == still.finding.confidence == MOST_AT_REST
+    (alone,) = candidates_of(posterior_of(6 * PAN, -20), view, "me")  # what fits is no hand's, and not likely
+    assert alone.finding.reason == Reason(Code.NO_VISIBLE_MOTION)
+    assert alone.probability is not None and alone.probability < 0.8
 
 
 @pytest.mark.parametrize("evidence", [-20, -5, 5])

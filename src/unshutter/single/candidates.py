@@ -22,7 +22,7 @@ from unshutter.motion.motion import Motion
 from unshutter.motion.verdict import LIKELY, is_measurable
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
-from unshutter.single.prospects import MOVING, Mode, Prospect, experience, prospect
+from unshutter.single.prospects import MOST_AT_REST, MOVING, Mode, Prospect, experience, prospect
 from unshutter.single.search import Optima, Posterior, displacement, expected_error, mixture_moments
 from unshutter.single.smear import Smear, smear_of
 
@@ -136,6 +136,7 @@ def candidates_of(
     reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
     if reason is None and not camera.moving and displacement(posterior.motion) > LARGEST:
         mean = prospect(posterior, _mean(posterior), opinion, roll_known, shift)
+        at_rest = min(at_rest, 1 - mean.better)
         reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > _PROBABLY else None
     if reason is not None and not view.odds.any:
         return (_still(view, estimator, reason, None), *moving)
@@ -215,11 +216,12 @@ _OF_THE_MOTION = {Code.UNSURE, Code.WHICH_WAY, Code.HARDLY_HELPS, Code.UNSURE_HO
 
 
 def _still(view: View, estimator: str, reason: Reason | None, probability: float | None) -> Candidate:
-    stated = None if reason is None or probability is None else probability
+    known = None if probability is None else min(probability, MOST_AT_REST)
+    stated = None if reason is None else known
     if reason is not None and reason.code in _OF_THE_MOTION:
         stated = 1 - (probability or 0.0)  # of the motion that is not undone
     finding = replace(view.no_motion(estimator, reason), confidence=stated)
-    return Candidate("still", finding, probability, view.photo.orientation)
+    return Candidate("still", finding, known, view.photo.orientation)
 
 
 def _is_undone(found: Prospect, least: float | None) -> bool:
