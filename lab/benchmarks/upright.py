@@ -71,8 +71,8 @@ def main() -> None:
                 errors = _left(done.motion, verdict.upright, truth, true, wish != "full")
                 if wish is None and not verdict.changes:
                     told["leans" if errors[0] > 1 else "upright"].append(offered)
-                groups = (kind, f"{kind}, {'moved' if verdict.undoes else 'left'}", "offered" if offered else "not offered")
-                for name in groups:
+                done_with = f"{kind}, {'moved' if verdict.undoes else 'left'}"
+                for name in (kind, done_with, "offered" if offered else "not offered"):
                     rows[name, wish].append(errors)
                 shown.append(done.pixels)
             pictures.append((f"{path.stem} {kind} {roll:+.1f}", shown, errors))
