@@ -2,11 +2,14 @@
 
 import contextlib
 import io
+import signal
+import time
 from types import SimpleNamespace
 
 import pytest
 
 from support import clips
+from unshutter import cli
 from unshutter.frames import pyav
 
 
@@ -52,3 +55,22 @@ def test_a_position_that_there_cannot_be_prints_nothing(tmp_path, capfd):
     with contextlib.suppress(OSError, ValueError), pyav.open_to_read(Odd(whole)) as container:
         list(container.demux())
     assert "Traceback" not in "".join(capfd.readouterr())
+
+
+class _Signalling(io.BytesIO):
+    """A file during whose seek the program is asked to end."""
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        signal.raise_signal(signal.SIGTERM)
+        return super().seek(offset, whence)
+
+
+def test_a_signal_waits_until_ffmpeg_has_its_answer():
+    """FFmpeg prints the traceback of whatever is raised meanwhile, and takes the film for damaged."""
+    usual = signal.signal(signal.SIGTERM, cli._stop)
+    try:
+        assert pyav._Seekable(_Signalling(b"film")).seek(2) == 2
+        with pytest.raises(cli.Stopped):
+            time.sleep(5)
+    finally:
+        signal.signal(signal.SIGTERM, usual)

@@ -10,9 +10,11 @@ import io
 import os
 import signal
 import sys
+import threading
 from contextlib import suppress
 from importlib import import_module
 from pathlib import PurePath
+from types import FrameType
 from typing import NoReturn
 
 from unshutter import errors
@@ -31,10 +33,13 @@ class Stopped(KeyboardInterrupt):
 
 
 def stop_on_signals() -> None:
-    """Makes these signals raise :class:`Stopped`; signals that are ignored, as under ``nohup``, remain ignored."""
-    for name in ("SIGTERM", "SIGHUP"):
+    """Makes these signals raise :class:`Stopped`; signals that are ignored, as under ``nohup``, remain ignored.
+
+    So does Ctrl-C raise KeyboardInterrupt. Where FFmpeg has called what runs, they are raised a moment later.
+    """
+    for name in ("SIGTERM", "SIGHUP", "SIGINT"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
-        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+        if number is not None and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _stop)
 
 
@@ -52,8 +57,15 @@ def open_missing_streams() -> None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 (until the process ends)
 
 
-def _stop(number: int, _frame: object) -> None:
-    raise Stopped(number)
+_A_MOMENT_S = 0.005
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    pyav = sys.modules.get("unshutter.frames.pyav")
+    if pyav is not None and pyav.is_called_back(frame):
+        threading.Timer(_A_MOMENT_S, signal.raise_signal, [number]).start()
+        return
+    raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
 
 
 # name -> its variable in this folder. Other packages add commands by entry points.

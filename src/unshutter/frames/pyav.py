@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cache
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, BinaryIO, cast
 
 from unshutter import errors
@@ -87,6 +87,13 @@ class _Seekable:
     def seekable(self) -> bool:
         """Returns whether the file can be read from any position."""
         return self._stream.seekable()
+
+
+def is_called_back(frame: FrameType | None) -> bool:
+    """Returns whether FFmpeg has called what runs: it passes no exception on, but takes the file for damaged."""
+    while frame is not None and frame.f_code is not _Seekable.seek.__code__:
+        frame = frame.f_back
+    return frame is not None
 
 
 def open_to_read(source: BinaryIO | str, options: dict[str, str] | None = None) -> InputContainer:
