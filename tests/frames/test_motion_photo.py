@@ -216,7 +216,9 @@ def test_a_live_photo_has_its_film_next_to_it(hurried, tmp_path):
     for file, own in (("IMG_1.JPG", exif), ("IMG_2.JPG", exif)):
         (tmp_path / file).write_bytes(encoded(still, "JPEG", exif=own, quality=95))
     view = View(Photo.open(tmp_path / "IMG_1.JPG"), Camera(focal_px=FOCAL))
-    assert error_px(film_motion(view).motion, case) < 0.5
+    found = film_motion(view)
+    assert found is not None and found.finding is not None
+    assert error_px(found.finding.motion, case) < 0.5
     assert Photo.open(tmp_path / "IMG_2.JPG").film() is None
     other = note.replace(name.encode(), name[::-1].encode())
     (tmp_path / "IMG_1.JPG").write_bytes(encoded(still, "JPEG", exif=exif_with_note(other, "Apple"), quality=95))
