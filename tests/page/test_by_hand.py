@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from support.page_server import opened
+from unshutter import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.orientation import Orientation
 from unshutter.page.opened import pixels_of, shares
+from unshutter.page.photo_jobs import _shape
 
 UPRIGHTS = json.dumps([["upright", 0.2, 0.1, 0.2, 0.9], ["upright", 0.8, 0.1, 0.8, 0.9]])
 
@@ -95,3 +97,8 @@ def test_a_draft_is_the_same_picture_sooner(client: httpx.Client, photo: Path) -
 def test_what_is_refused(client: httpx.Client, photo: Path, options: dict[str, str], message: str) -> None:
     answer = client.get(f"/api/photos/{opened(client, photo)}/after", params=options)
     assert answer.status_code == 400 and message in answer.json()["error"]
+
+
+def test_a_lean_counts_from_the_first_row_wherever_that_is_put() -> None:
+    motion = RowMotion(300, np.linspace(20, 60, 400), np.zeros(400))
+    assert _shape(motion) == pytest.approx({"lean_deg": math.degrees(math.atan(0.1)), "bend_percent": 0, "turn_deg": 0})
