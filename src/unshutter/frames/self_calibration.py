@@ -39,6 +39,7 @@ _LARGEST = 1.03  # no readout takes longer than a frame; larger estimates are ar
 _COMMON = 4.0  # errors of tracks are correlated: n of them count as n / _COMMON
 _FLOOR = 0.01  # least error, even if all parts agree: the spline only approximates a hand's motion
 _TOO_UNSURE = 0.08
+_FAR = 3.0  # errors: ratios that are farther away than so many must be as unlikely as that
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
 # cycles per frame: faster oscillations are hidden between the frames, unless parts of the sequence agree
@@ -52,12 +53,16 @@ _FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
 _FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
 
-def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutRatio:
+def ratio_from_motion(
+    pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None, is_checked: bool = False
+) -> ReadoutRatio:
     """Estimates the readout ratio of a sequence from how smoothly its camera moved.
 
     Args:
         pairs: tracks of the background from each frame to the next; two seconds of them usually suffice.
         starts: times of the frames [usual frame intervals], one more than pairs; None if intervals are even.
+        is_checked: whether something else contradicts a wrong ratio, so that a camera that shakes fast is believed if
+            parts of the sequence agree; they also do so for some cameras without a rolling shutter.
     """
     taken = range(len(pairs) + 1) if starts is None else starts
     times = [taken[k] for k, pair in enumerate(pairs) if len(pair)]
@@ -80,13 +85,15 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
     agree = len(parts) > 1 and np.std([_vertex(_COARSE, curve) for curve in coarse]) < _AGREE
-    if not agree and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
+    if not (is_checked and agree) and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
         raise UnknownRatioError.because(_cause(pairs, Code.SHOOK_TOO_FAST))
     upwards = [_Profile(replace(part, pairs=[pair.turned() for pair in part.pairs])) for part in parts]
-    if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > curves.sum(axis=0).max():
+    height = curves.sum(axis=0).max()
+    if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > height:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
-    if error > _TOO_UNSURE or best > _LARGEST:
+    rivals = coarse.sum(axis=0)[np.abs(_COARSE - best) > _FAR * error] > height - _FAR**2 / 2
+    if error > _TOO_UNSURE or best > _LARGEST or rivals.any():
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, ReadoutSource.FRAMES)
 

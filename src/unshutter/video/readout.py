@@ -63,7 +63,9 @@ def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None =
             focal = request.focal and request.focal * ROWS
             try:
                 focal = focal or focal_from_motion(run.pairs[: PART // 2], _GUESSED_RATIO)
-                ratios.append(ratio_from_motion(run.pairs, focal, run.starts if run.is_uneven else None))
+                ratios.append(
+                    ratio_from_motion(run.pairs, focal, run.starts if run.is_uneven else None, is_checked=True)
+                )
             except UnknownRatioError as error:
                 unknown = error
         if steps is not None:
