@@ -61,8 +61,8 @@ def ratio_from_motion(
     Args:
         pairs: tracks of the background from each frame to the next; two seconds of them usually suffice.
         starts: times of the frames [usual frame intervals], one more than pairs; None if intervals are even.
-        is_checked: whether something else contradicts a wrong ratio, so that a camera that shakes fast is believed if
-            parts of the sequence agree; they also do so for some cameras without a rolling shutter.
+        is_checked: whether something else contradicts a wrong ratio. Then that of a camera that shakes fast is accepted
+            if parts of the sequence agree, which they also do for some cameras without a rolling shutter.
     """
     taken = range(len(pairs) + 1) if starts is None else starts
     times = [taken[k] for k, pair in enumerate(pairs) if len(pair)]
