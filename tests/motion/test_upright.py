@@ -197,7 +197,7 @@ def test_a_photo_that_leans_says_what_straightens_it_either_way() -> None:
     assert line in about(judge(unsure, Undo()))
     assert "leans" not in about(judge(unsure, Undo(upright="level")))
     offered = verdict_json(judge(unsure, Undo()))
-    assert (offered["advice"][0], offered["lean_deg"]) == ("adviceLevel", 1.4)
+    assert offered["advice"][0] == "adviceLevel" and offered["lean_deg"] == pytest.approx(1.4, abs=0.05)
     for other in (
         posed(STILL),
         replace(unsure, roll=Angle(1.4)),

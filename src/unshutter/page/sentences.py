@@ -78,7 +78,7 @@ def verdict_json(verdict: Verdict) -> JsonObject:
         offered = advice(verdict.reason, verdict.cause)
         data |= {"reason": said, "advice": offered}
         if verdict.lean_deg is not None:
-            data |= {"advice": (_LEANS, *offered), "lean_deg": round(verdict.lean_deg, 1)}
+            data |= {"advice": (_LEANS, *offered), "lean_deg": round(verdict.lean_deg, 2)}
     return data
 
 
