@@ -216,7 +216,8 @@ def _frames(folder: Path) -> None:
 
 def _clip(path: Path, command: str) -> None:
     """A clip: for ``--camera`` one of that camera's size and rate, for ``--start`` one that is long enough."""
-    pictures, times = clips.moving(22 if "--start" in command else 10)[1], None
+    frames = 60 if "--save-motion" in command else 22 if "--start" in command else 10
+    pictures, times = clips.moving(frames)[1], None
     with pytest.MonkeyPatch.context() as patch:
         if "--camera" in command:
             patch.setattr(clips, "FPS", 25)

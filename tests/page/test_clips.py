@@ -95,7 +95,6 @@ def _refused(answer: httpx.Response, status: int, told: str) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        thorough({}),
         thorough(RATIO),
         {"readout-ms": "15", "strength": "0.5", "edges": "crop"},
         thorough(RATIO | {"reference": "last"}),

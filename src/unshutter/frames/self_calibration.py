@@ -39,7 +39,7 @@ _LARGEST = 1.03  # no readout takes longer than a frame; larger estimates are ar
 _COMMON = 4.0  # errors of tracks are correlated: n of them count as n / _COMMON
 _FLOOR = 0.01  # least error, even if all parts agree: the spline only approximates a hand's motion
 _TOO_UNSURE = 0.08
-_FAR = 3.0  # errors: ratios that are farther away than so many must be as unlikely as that
+_FAR, _FALL = 3.0, 2.0  # errors, and evidence: ratios that are farther away than so many must be less likely by so much
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
 # cycles per frame: faster oscillations are hidden between the frames, unless parts of the sequence agree
@@ -75,7 +75,7 @@ def ratio_from_motion(
     for k in range(0, max(len(pairs) - _PART // 2, 1), _PART):
         part = pairs[k : k + _PART]
         since = np.array(times[k : k + _PART + 1]) - np.floor(times[k])
-        parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH))
+        parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH if is_checked else None))
     profiles = [_Profile(part) for part in parts]
     coarse = _curves(profiles, _COARSE)
     best = float(_COARSE[coarse.sum(axis=0).argmax()])
@@ -92,7 +92,7 @@ def ratio_from_motion(
     if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > height:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
-    rivals = coarse.sum(axis=0)[np.abs(_COARSE - best) > _FAR * error] > height - _FAR**2 / 2
+    rivals = coarse.sum(axis=0)[np.abs(_COARSE - best) > _FAR * error] > height - _FALL
     if error > _TOO_UNSURE or best > _LARGEST or rivals.any():
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, ReadoutSource.FRAMES)
