@@ -4,7 +4,7 @@ import { make } from "./nodes.js";
 
 const SIDE = 1000; // px, of the longer side
 const MOST_BYTES = 50e6; // of a photo: the browser decodes all of it
-const PATIENCE_MS = 8000;
+const PATIENCE_MS = 30_000;
 
 /** @typedef {{ blob: Blob, width: number, height: number }} Glimpse the size is that of the file's picture [px] */
 
