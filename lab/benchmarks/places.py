@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from result_pages import write_places
+from result_pages import write_page
 from results import BUILD, DOCS, RUNS
 
 from unshutter_lab.evaluation.results import Results
@@ -36,7 +36,7 @@ def main() -> None:
     if done.returncode:
         sys.exit(f"places: stopped; what was measured is kept in {BUILD / 'places'}")
     given.docs.mkdir(parents=True, exist_ok=True)
-    write_places(Results.load(BUILD / "places" / "results.json"), given.docs)
+    write_page("places", Results.load(BUILD / "places" / "results.json"), given.docs)
     print(f"wrote {given.docs}/places.md")
 
 

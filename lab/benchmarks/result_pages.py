@@ -21,6 +21,7 @@ from summary_page import summary
 from unshutter.errors import UnshutterError
 from unshutter.single import Method
 from unshutter_lab import methods
+from unshutter_lab.evaluation.clip_tables import CLIP_TABLES
 from unshutter_lab.evaluation.plots import draw_plots
 from unshutter_lab.evaluation.protocols import PROTOCOLS
 from unshutter_lab.evaluation.results import Results
@@ -34,7 +35,7 @@ KEPT = [READING, "paper-networks.md"]  # the latter is paper_networks.py's
 SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
 LAB_METHODS = {method.name for method in vars(methods).values() if isinstance(method, Method)}
 _ORDER = ("places", "synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
-_ORDER += ("robustness", "pairs", "sequences", "video")
+_ORDER += ("robustness", "pairs", "sequences", "video", "real-clips")
 BACK = "[All results](index.md)"
 ABOUT = (
     "Errors are the median EPE (the mean distance of pixels from where they belong), or its mean where stated, "
@@ -47,6 +48,7 @@ MORE = {
     CONFIDENCE: "What a stated confidence is worth",
     "paper-networks.md": "Ablations of the paper's network",
     "video.md": "|R_F| over consecutive frames",
+    "real-clips.md": "Real clips, each of them, and FFmpeg's stabilisers",
     "examples.md": "The same photo by every method, in pictures",
     "speed.md": "Run time and memory",
 }
@@ -117,10 +119,10 @@ def _scores(results: Results, of_lab: bool) -> str:
     return json.dumps(scores, indent=1) + "\n"
 
 
-def write_places(results: Results, docs: Path) -> None:
-    """Writes the page of the benchmark that needs no data but what comes with the laboratory, and its CSV."""
+def write_page(name: str, results: Results, docs: Path) -> None:
+    """Writes the page of one run, and its CSV."""
     short = tomllib.loads((docs / READINGS).read_text()) if (docs / READINGS).exists() else {}
-    (docs / "places.md").write_text(_with_reading(_page("places", results, docs), short.get("places")))
+    (docs / f"{name}.md").write_text(_with_reading(_page(name, results, docs), short.get(name)))
 
 
 def _page(name: str, results: Results, docs: Path) -> str:
@@ -138,7 +140,8 @@ def _page(name: str, results: Results, docs: Path) -> str:
 def figures_of(name: str, results: Results, every: list[Table]) -> str:
     """What stands between a page's command and its plots."""
     kind = PROTOCOLS[results.request.protocol].kind
-    return f"{LEGENDS[kind]} [All figures, as CSV]({name}.csv).\n\n{short_tables(every, kind)}"
+    short = CLIP_TABLES[kind](results) if kind in CLIP_TABLES else short_tables(every, kind)
+    return f"{LEGENDS[kind]} [All figures, as CSV]({name}.csv).\n\n{short}"
 
 
 def _with_reading(text: str, line: str | None) -> str:

@@ -2,11 +2,12 @@
 
     python lab/benchmarks/results.py DATA [--estimators all] [--jobs 2] [--most N]
     python lab/benchmarks/results.py --pages-only          # writes the pages again from build/results
+    python lab/benchmarks/results.py DATA --only real-clips     # measures these runs, and writes their pages alone
 
-DATA is a folder with test/yorkurban, test/eurasiancities, test/urban100, val, real/{bsrsc,fastec,carla} and
-trajectories, none of which are part of the repository. Every run is an ``unshutter evaluate`` into build/results, and
-goes on where it was stopped; one that was made by other code is made anew. How many photos each takes is chosen so
-that all together stay within an hour on two cores.
+DATA is a folder with test/yorkurban, test/eurasiancities, test/urban100, val, real/{bsrsc,fastec,carla}, video/real
+and trajectories, none of which are part of the repository. Every run is an ``unshutter evaluate`` into build/results,
+and goes on where it was stopped; one that was made by other code is made anew. How many photos each takes is chosen so
+that all together stay within two hours on two cores.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from result_pages import write_pages
+from result_pages import write_page, write_pages
+
+from unshutter_lab.evaluation.results import Results
 
 ROOT = Path(__file__).parents[2]
 BUILD = Path("build/results")
@@ -39,6 +42,7 @@ RUNS = {
     "pairs": ("pairs", REAL, {"--readout-ratio": "0.42 0.97 1"}),  # of BS-RSC, Fastec and Carla
     "sequences": ("sequences", ["test/yorkurban"], {"--photos": 5, "--per-photo": 1}),
     "video": ("video", REAL, {}),
+    "real-clips": ("real-clips", ["video/real"], {"--estimators": "all"}),
 }
 # photos of scikit-image without buildings: any motion found is wrong, as in all undistorted photos
 OTHERS = ["astronaut", "rocket", "camera", "gravel", "page", "grass", "chelsea", "coffee"]
@@ -56,28 +60,37 @@ def main() -> None:
     parser.add_argument("--most", type=int, help="at most so many photos of each folder: for a quick look")
     parser.add_argument("--docs", type=Path, default=DOCS)
     parser.add_argument("--pages-only", action="store_true")
+    parser.add_argument(
+        "--only", nargs="+", choices=RUNS, default=[], help="measure these, and write their pages alone"
+    )
     given = parser.parse_args()
     if not given.pages_only:
-        _check(given.data)
+        _check(given.data, given.only)
         for name, words in _commands(given.data, given.most):
+            if given.only and name not in given.only:
+                continue
             words += [] if "--estimators" in words else ["--estimators", given.estimators]
             words += ["--output", str(BUILD / name), "--overwrite"]
             _run([sys.executable, "-m", "unshutter", *words, *(["--jobs", str(given.jobs)] if given.jobs else [])])
-        for name, words in BENCHES.items():
+        for name, words in BENCHES.items() if not given.only else ():
             rounds = [] if name == "rectify" else ["--estimators", given.estimators]
             text = _run([sys.executable, f"{ROOT}/benchmarks/{words[0]}", *words[1:], *rounds], keep=True)
             (BUILD / f"{name}.md").write_text(f"```sh\npython benchmarks/{' '.join(words)}\n```\n\n{text}")
-    write_pages(BUILD, given.docs)
+    for name in given.only:
+        write_page(name, Results.load(BUILD / name / "results.json"), given.docs)
+        print(f"wrote {given.docs}/{name}.md")
+    if not given.only:
+        write_pages(BUILD, given.docs)
 
 
-def _check(data: Path | None) -> None:
+def _check(data: Path | None, only: list[str]) -> None:
     if data is None:
         sys.exit("results: say where the photos are: make results DATA=../shared/data")
-    missing = [name for name in (*TEST, "val", *REAL, "trajectories") if not (data / name).is_dir()]
+    needed = [folder for name in only or RUNS for folder in RUNS[name][1]]
+    needed = list(dict.fromkeys([*needed, "trajectories"] if not only else needed))
+    missing = [name for name in needed if not (data / name).is_dir()]
     if missing:
-        sys.exit(
-            f"results: no folder {data / missing[0]}: DATA must hold {', '.join([*TEST, 'val', *REAL, 'trajectories'])}"
-        )
+        sys.exit(f"results: no folder {data / missing[0]}: DATA must hold {', '.join(needed)}")
 
 
 def _commands(data: Path, most: int | None) -> Iterator[tuple[str, list[str]]]:

@@ -50,7 +50,7 @@ CALIBRATE = Command(
 
 
 _Photos = Literal["synthetic", "native", "trajectory", "undistorted", "portrait", "exposure", "attitude", "robustness"]
-ProtocolName = Literal["places", _Photos, "pairs", "video", "sequences"]
+ProtocolName = Literal["places", _Photos, "pairs", "video", "sequences", "real-clips"]
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,15 @@ class EvaluateArguments:
 
     data: list[Path] | None = option(
         None,
-        "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png; for places: of cube maps); "
-        "each is a group in the tables. The protocol places brings its own.",
+        "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png; for places: of cube maps; "
+        "for real-clips: of clips); each is a group in the tables. The protocol places brings its own.",
         names="input",
     )
-    estimators: str = option("all", "Names separated by commas, or all. Default: all.", names="word")
+    estimators: str = option(
+        "all",
+        "Names separated by commas, or all; for real-clips of none, unshutter, deshake and vid.stab. Default: all.",
+        names="word",
+    )
     protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")
     output: Path = option(
         Path("evaluation"),

@@ -74,8 +74,8 @@ class Case(Trial):
         raise UsageError("the pictures of this protocol are not made here: answer those in its folders")
 
     @abstractmethod
-    def show(self, names: list[str], loaded: Loaded) -> Example:
-        """Returns the pictures and curves behind the records."""
+    def show(self, names: list[str], loaded: Loaded) -> Example | None:
+        """Returns the pictures and curves behind the records; None if pictures would not show them."""
 
 
 @dataclass(frozen=True)

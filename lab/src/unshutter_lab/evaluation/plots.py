@@ -77,7 +77,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 def _panels(results: Results) -> list[tuple[str, dict[str, str]]]:
     """Returns (title, criteria for the records) of each panel: a folder, or a suite if folders are pooled."""
-    key = "group" if PROTOCOLS[results.request.protocol].by_group else "suite"
+    key = PROTOCOLS[results.request.protocol].rows
     return [(value, {key: value}) for value in results.distinct(key)]
 
 

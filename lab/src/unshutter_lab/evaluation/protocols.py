@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from unshutter.errors import UsageError
 from unshutter.options import Clock
@@ -12,6 +13,7 @@ from unshutter_lab.evaluation.case import Case
 from unshutter_lab.evaluation.clip_cases import RATIOS, SequenceCase, VideoCase
 from unshutter_lab.evaluation.pair_cases import PairCase, logs_in, pairs_in, photos_in, videos_in
 from unshutter_lab.evaluation.place_cases import place_cases
+from unshutter_lab.evaluation.real_clips import METHODS, SECONDS, RealClipCase, check_programs, clips_in
 from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
 from unshutter_lab.synthesis.panorama import places_in, shipped_places
 
@@ -47,10 +49,13 @@ class Protocol:
     """An evaluation protocol."""
 
     title: str  # title of its page
-    kind: str  # set of columns of its tables (tables.py): places, motion, still, pairs, video or sequences
+    kind: str  # set of columns of its tables (tables.py): places, motion, still, pairs, video, sequences or real clips
     description: str  # what is measured, in a sentence or two
     cases: Callable[[Request], list[Case]]  # creates the cases for a request
-    by_group: bool = True  # whether tables list folders separately (otherwise folders are pooled and suites listed)
+    # what its tables list: folders, photos, or suites alone (with the photos of all folders pooled)
+    rows: Literal["group", "photo", "suite"] = "group"
+    methods: tuple[str, ...] = ()  # names of what it compares, if these are not estimators
+    check: Callable[[list[str]], None] | None = None  # raises UnshutterError if some of these methods cannot be run
 
 
 def _with_motion(*suites: Suite, recorded: bool = False) -> Callable[[Request], list[Case]]:
@@ -104,6 +109,11 @@ def _sequences(request: Request) -> list[Case]:
     ]
 
 
+def _real_clips(request: Request) -> list[Case]:
+    groups = _groups(request).items()
+    return [RealClipCase(group, clip) for group, folder in groups for clip in clips_in(folder)[: request.photos]]
+
+
 def _places(request: Request) -> list[Case]:
     groups = {name: places_in(folder) for name, folder in _groups(request).items()}
     groups = groups or {"places": list(shipped_places().values())}
@@ -132,7 +142,7 @@ PROTOCOLS = {
         "second; the paper's quadratics; a hand with each row exposed for 1/60 s; pairs and clips of 16 frames at 30 a "
         "second, with a readout of 0.6 frames, of which methods that see one photo get the middle frame.",
         _places,
-        by_group=False,
+        rows="suite",
     ),
     "synthetic": Protocol(
         "Synthetic motions, 256 px",
@@ -155,7 +165,7 @@ PROTOCOLS = {
         "three strengths: readouts of 20, 50 and 100 ms, focal length and pictures of 256 px. The paper tests with "
         "the trajectories of Köhler et al. 2012 (§4.3), which we could not obtain.",
         _with_motion(*(Suite(f"readout {ms} ms", readout_s=ms / 1000) for ms in (20, 50, 100)), recorded=True),
-        by_group=False,
+        rows="suite",
     ),
     "undistorted": Protocol(
         "Undistorted photos: do no harm",
@@ -215,7 +225,7 @@ PROTOCOLS = {
             Suite("on its right side", turned=-1, orientation=8),
             Suite("left side, no EXIF", turned=1),
         ),
-        by_group=False,
+        rows="suite",
     ),
     "pairs": Protocol(
         "Rolling-shutter and global-shutter pairs",
@@ -242,5 +252,21 @@ PROTOCOLS = {
         "and 0.9 of a frame's time. *frames-camera* sees all frames, and finds the focal length and, unless given, the "
         "readout ratio. Methods that see one photo get every twelfth frame and the focal length.",
         _sequences,
+    ),
+    "real-clips": Protocol(
+        "Real clips",
+        "real clips",
+        f"The first {SECONDS:g} seconds of real clips, as taken (*none*), straightened by `unshutter video` without "
+        "options, and by FFmpeg's stabilisers (`deshake`, and vid.stab with a smoothing of 15, both with `-crf 18`). "
+        "Nobody knows what a global shutter would have seen. Tracks that `unshutter video` does not use show how much "
+        "frames are skewed and stretched from one to the next at the first and last rows, apart from what depth adds, "
+        "in pixels of the clip: root mean square, 95th percentile and largest. A clip counts as worse if the first of "
+        "these grows by more than 5 % or the last by more than 10 %. The readout ratio is found by regression; t is "
+        "the ratio in units of its error. Sharpness is the variance of the Laplacian, divided by the clip's. As five "
+        "seconds are encoded again, clips that are copied differ a little, too.",
+        _real_clips,
+        rows="photo",
+        methods=METHODS,
+        check=check_programs,
     ),
 }

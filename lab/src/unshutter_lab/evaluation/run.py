@@ -25,7 +25,7 @@ from unshutter_lab.evaluation.answers import PREFIX, FolderAnswers, answers_in
 from unshutter_lab.evaluation.case import Example, Record, Trial
 from unshutter_lab.evaluation.pair_cases import logs_in, pictures_in
 from unshutter_lab.evaluation.plots import check_matplotlib, draw_plots, write_sheet
-from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
+from unshutter_lab.evaluation.protocols import PROTOCOLS, Protocol, Request
 from unshutter_lab.evaluation.results import Results, Store, examples_of
 from unshutter_lab.evaluation.tables import tables
 
@@ -57,12 +57,17 @@ def evaluate(
     Returns:
         The number of pictures that could not be used.
     """
-    names = _chosen(estimators)
+    protocol = PROTOCOLS[request.protocol]
+    names = _chosen(estimators, protocol)
+    if answers and protocol.methods:
+        raise UsageError(f"--answers is for protocols of photos, which {request.protocol} is not")
     check_jobs(jobs)
     check_matplotlib()
-    cases = PROTOCOLS[request.protocol].cases(request)
-    for name in names:
+    cases = protocol.cases(request)
+    for name in names if not protocol.methods else ():
         register.load(name)  # reports a missing extra before the work
+    if protocol.check is not None:
+        protocol.check(names)
     _check_output(output, request, names, answers)
     names = list(dict.fromkeys([*names, *answers_in(answers, cases)]))
     store = Store(output, json.loads(json.dumps(asdict(request), default=str)), overwrite)
@@ -71,7 +76,8 @@ def evaluate(
     records = store.records([case.key for case in measured], [*names, *oracles])
     if not records:
         raise UnshutterError("nothing could be measured")
-    examples = [case.show(names, _loaded) for case in examples_of(measured, records)]
+    shown = [case.show(names, _loaded) for case in examples_of(measured, records)]
+    examples = [example for example in shown if example is not None]
     write_report(Results.of(request, names, oracles, records).with_examples(examples), examples, output)
     return len(cases) - len(measured)
 
@@ -109,10 +115,14 @@ def measure(cases: Sequence[AnyTrial], names: list[str], store: Store, jobs: int
     return [case for case in cases if case.key not in problems]
 
 
-def _chosen(estimators: str) -> list[str]:
-    names = register.names() if estimators == "all" else [name.strip() for name in estimators.split(",")]
+def _chosen(estimators: str, protocol: Protocol) -> list[str]:
+    known = protocol.methods or register.names()
+    names = known if estimators == "all" else [name.strip() for name in estimators.split(",")]
     for name in names:
-        register.check_name(name)
+        if not protocol.methods:
+            register.check_name(name)
+        elif name not in known:
+            raise UsageError(f"'{name}' is not compared by this protocol: choose from {', '.join(known)}")
     return list(dict.fromkeys(names))
 
 
@@ -188,6 +198,6 @@ def _counts(results: Results) -> str:
     photos = results.frame.groupby("group", sort=False)["photo"].nunique()
     listed = ", ".join(f"{group} {count}" for group, count in photos.items())
     kinds = {"places": "Places", "sequences": "Photos, seen by each log at each ratio"}
-    kinds |= dict.fromkeys(("pairs", "video"), "Sequences")
+    kinds |= dict.fromkeys(("pairs", "video"), "Sequences") | {"real clips": "Clips"}
     what = kinds.get(PROTOCOLS[results.request.protocol].kind, "Photos")
     return f"{what}: {listed}."

@@ -44,6 +44,7 @@ LEGENDS = {
     "pairs": "Mean gain in PSNR over the unchanged frame.",
     "sequences": "Median EPE in px of 256 rows.",
     "video": "Mean |R_F|.",
+    "real clips": "**What unshutter does**: pixels before and after; in brackets t.",
 }
 _UNKNOWN = "–"
 _FIGURE = re.compile(r"(?P<number>[+-]?[\d.]+) ?(?P<unit>px|dB|°|%)?")
@@ -282,6 +283,21 @@ COLUMNS: dict[str, list[list[Column]]] = {
             _FAILED,
         ]
     ],
+    "real clips": [
+        [
+            Column("rms", "rms", form="{:.2f} px", better=-1),
+            Column("95 %", "usual", form="{:.2f} px", better=-1),
+            Column("largest", "largest", form="{:.2f} px", better=-1),
+            Column("worse", "worse", form="{:.0f}"),
+            Column("sharpness", "sharpness", better=+1),
+            Column("ratio", "ratio", form="{:.3f}"),
+            Column("t", "ratio_t", form="{:.0f}"),
+            Column("explained by the ratio", "explained", form="{:.2f} px"),
+            Column("readout found", "readout_ms", form="{:.1f} ms"),
+            Column("its error", "readout_error_ms", form="{:.1f} ms"),
+            Column("straightened", "straightened", form="{:.0%}"),
+        ]
+    ],
     "video": [
         [
             _PICTURES,
@@ -309,7 +325,8 @@ def tables(results: Results) -> str:
 def all_tables(results: Results) -> list[Table]:
     """Returns all tables of a run."""
     protocol = PROTOCOLS[results.request.protocol]
-    pictures = judged(results.frame).assign(photos=results.frame["group"] if protocol.by_group else "all")
+    photos = "all" if protocol.rows == "suite" else results.frame[protocol.rows]
+    pictures = judged(results.frame).assign(photos=photos)
     above = [Column(key, key, "mean", "{:+.2f} dB", +1) for key in pictures if key.startswith("above ")]
     order = pd.MultiIndex.from_product([pictures["photos"].unique(), results.names])
     parts = []
