@@ -21,10 +21,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from clip_gain import psnr
 
 from unshutter.motion.lens import Lens
 from unshutter.photo import Photo
+from unshutter_lab.evaluation.clip_wobble import grey_frames
+from unshutter_lab.evaluation.metrics import psnr
 from unshutter_lab.synthesis.clip import write_film
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
@@ -74,6 +75,15 @@ def rectified(clip: Path, out: Path, source: str | None, *flags: str) -> dict:
         sys.exit(done.stderr)
     print(out.stem, done.stderr.splitlines()[0] if done.stderr else "", file=sys.stderr)
     return json.loads(log.read_text().splitlines()[-1])
+
+
+def mean_psnr(path: Path, truth: Path) -> float:
+    """Returns the mean PSNR of luma [dB], without a border of 6 %."""
+    border = round(0.06 * HEIGHT)
+    inner = np.zeros((HEIGHT, WIDTH), bool)
+    inner[border:-border, border:-border] = True
+    pairs = zip(grey_frames(path), grey_frames(truth), strict=True)
+    return float(np.mean([psnr(one, other, inner) for (_, one), (_, other) in pairs]))
 
 
 def lens_error(found: dict | None, truth: Lens) -> float:
@@ -133,7 +143,7 @@ def report(number: int, case: Case, given: argparse.Namespace, folder: Path) -> 
         kind, source, flags = ways[way]
         out = folder / f"{number}-{way.replace(', ', '-').replace(' ', '-')}.mp4"
         done = rectified(made[kind, "rs"], out, source, "--overwrite", *flags)
-        before, after = (psnr(path, made[kind, "gs"]) for path in (made[kind, "rs"], out))
+        before, after = (mean_psnr(path, made[kind, "gs"]) for path in (made[kind, "rs"], out))
         off = lens_error(done.get("lens"), case.lens)
         ratio_said = f"{done['readout_ratio']:.3f} ({case.ratio})"
         print(f"| {number} | {case.degrees} | {way} | {before:.1f} | {after:.1f} | {after - before:+.2f} | ", end="")

@@ -19,7 +19,6 @@ distance of corners between the two is twice the distortion; and two frames of a
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -30,12 +29,13 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
-from clip_gain import luma, unshutter
 from stability import measured
 
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import follow
 from unshutter.video.gain import TALL, wobble
+from unshutter_lab.evaluation.clip_wobble import grey_frames
+from unshutter_lab.evaluation.real_clips import straighten
 
 CLIPS = {  # name: files of DATA, frames a second, readout ratio if it is known
     "karma": ("video/gopro_karma.mp4", 0.0, None),
@@ -78,7 +78,7 @@ def kbits(path: Path) -> int:
 
 def wobbles(path: Path) -> Iterator[float]:
     """Yields what a turning camera leaves of the tracks of each pair of frames [px of 1080 rows]."""
-    for before, after in pairwise(luma(path)):
+    for (_, before), (_, after) in pairwise(grey_frames(path)):
         tracks = follow(before, after)
         if len(tracks) > 20:
             yield wobble(tracks, usual_focal(tracks))
@@ -87,7 +87,7 @@ def wobbles(path: Path) -> Iterator[float]:
 def sharpness(path: Path) -> float:
     border = 0.06
     found = []
-    for frame in luma(path):
+    for _, frame in grey_frames(path):
         rows, cols = (slice(int(border * side), -int(border * side)) for side in frame.shape)
         found.append(cv2.Laplacian(frame[rows, cols], cv2.CV_64F).var())
     return float(np.mean(found))
@@ -96,7 +96,7 @@ def sharpness(path: Path) -> float:
 def crop(path: Path, clip: Path) -> float:
     """Share of the width and height that is cut off [%]."""
     scales = []
-    for k, (now, before) in enumerate(zip(luma(path), luma(clip), strict=False)):
+    for k, ((_, now), (_, before)) in enumerate(zip(grey_frames(path), grey_frames(clip), strict=False)):
         if k % 5 == 0:
             tracks = follow(before, now)
             if len(tracks) > 20:
@@ -127,14 +127,8 @@ def video(name: str, clip: Path, ratio: str | None, folder: Path, preset: str) -
     given = ("--readout-ratio", ratio) if ratio else ("--readout-ms", "30")
     ways = {"ours": (), "readout time given": given, "--stabilize": ("--stabilize", "1")}
     for way, flags in ways.items():
-        out, log = folder / f"{name}-{way}.mp4", folder / f"{name}-{way}.jsonl"
-        words = ("--preset", preset, "--overwrite", "--json-log", log) if way != "ours" else ("--json-log", log)
-        log.unlink(missing_ok=True)
-        out.unlink(missing_ok=True)
-        well, said = unshutter("video", clip, "-o", out, *flags, *words)
-        if not well:
-            sys.exit(said)
-        done = json.loads(log.read_text().splitlines()[-1])
+        out = folder / f"{name}-{way}.mp4"
+        done = straighten(clip, out, *flags, *(("--preset", preset) if way != "ours" else ()))
         why = max(done["left"], key=done["left"].get, default="")
         report(f"{name}: {way}", clip, out, f"{done['rectified']} of {done['frames']} frames changed; {why}")
     out = folder / f"{name}-vidstab.mp4"
@@ -144,9 +138,8 @@ def video(name: str, clip: Path, ratio: str | None, folder: Path, preset: str) -
 
 def two(name: str, before: Path, after: Path, folder: Path, *flags: str) -> None:
     """Prints how far apart two photos of one moment, or of neighbouring ones, are before and after."""
-    well, said = unshutter("rectify", before, after, "-o", folder / name, "--overwrite", "--edges", "keep", *flags)
-    if not well:
-        sys.exit(said)
+    words = ["-o", str(folder / name), "--overwrite", "--edges", "keep", *flags]
+    subprocess.run([sys.executable, "-m", "unshutter", "rectify", str(before), str(after), *words], check=True)
     results = [next((folder / name).glob(f"{path.stem}.*")) for path in (before, after)]
     for way, paths in (("as taken", (before, after)), ("ours", results)):
         one, other = map(grey, paths)

@@ -35,7 +35,7 @@ KEPT = [READING, "paper-networks.md"]  # the latter is paper_networks.py's
 SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
 LAB_METHODS = {method.name for method in vars(methods).values() if isinstance(method, Method)}
 _ORDER = ("places", "synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
-_ORDER += ("robustness", "pairs", "sequences", "video", "real-clips")
+_ORDER += ("robustness", "pairs", "sequences", "video", "rendered-clips", "real-clips")
 BACK = "[All results](index.md)"
 ABOUT = (
     "Errors are the median EPE (the mean distance of pixels from where they belong), or its mean where stated, "
@@ -48,6 +48,7 @@ MORE = {
     CONFIDENCE: "What a stated confidence is worth",
     "paper-networks.md": "Ablations of the paper's network",
     "video.md": "|R_F| over consecutive frames",
+    "rendered-clips.md": "Rendered clips, and what the exact map gains",
     "real-clips.md": "Real clips, each of them, and FFmpeg's stabilisers",
     "examples.md": "The same photo by every method, in pictures",
     "speed.md": "Run time and memory",

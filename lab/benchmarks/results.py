@@ -42,6 +42,7 @@ RUNS = {
     "pairs": ("pairs", REAL, {"--readout-ratio": "0.42 0.97 1"}),  # of BS-RSC, Fastec and Carla
     "sequences": ("sequences", ["test/yorkurban"], {"--photos": 5, "--per-photo": 1}),
     "video": ("video", REAL, {}),
+    "rendered-clips": ("rendered-clips", [], {"--estimators": "all"}),
     "real-clips": ("real-clips", ["video/real"], {"--estimators": "all"}),
 }
 # photos of scikit-image without buildings: any motion found is wrong, as in all undistorted photos

@@ -50,7 +50,7 @@ CALIBRATE = Command(
 
 
 _Photos = Literal["synthetic", "native", "trajectory", "undistorted", "portrait", "exposure", "attitude", "robustness"]
-ProtocolName = Literal["places", _Photos, "pairs", "video", "sequences", "real-clips"]
+ProtocolName = Literal["places", _Photos, "pairs", "video", "sequences", "rendered-clips", "real-clips"]
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,12 @@ class EvaluateArguments:
     data: list[Path] | None = option(
         None,
         "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png; for places: of cube maps; "
-        "for real-clips: of clips); each is a group in the tables. The protocol places brings its own.",
+        "for real-clips: of clips); each is a group in the tables. places and rendered-clips bring their own.",
         names="input",
     )
     estimators: str = option(
         "all",
-        "Names separated by commas, or all; for real-clips of none, unshutter, deshake and vid.stab. Default: all.",
+        "Names separated by commas, or all; for real-clips and rendered-clips what these compare. Default: all.",
         names="word",
     )
     protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")

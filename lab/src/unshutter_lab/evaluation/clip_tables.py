@@ -14,7 +14,7 @@ _UNKNOWN = "–"
 
 
 def real_clip_tables(results: Results) -> str:
-    """Returns what unshutter does to each clip, every method beside it, and where clips come from, as Markdown."""
+    """Returns what unshutter does to each clip, next to every other program, and where clips come from, as Markdown."""
     clips = _by_clip(results)
     ours = [_own_row(clip, records[OURS]) for clip, records in clips.items() if OURS in records]
     titles = ["clip", "ratio (t)", "readout found, ms", "rms", "95 %", "largest", "sharpness", "result"]
@@ -28,6 +28,34 @@ def real_clip_tables(results: Results) -> str:
     return "\n\n".join(parts)
 
 
+def rendered_clip_tables(results: Results) -> str:
+    """Returns what each method gains on each clip, and what was found of it, as Markdown."""
+    clips = _by_clip(results)
+    rows = [[clip, *(_gain(records.get(name)) for name in results.estimators)] for clip, records in clips.items()]
+    parts = [_table(["clip", *(_NAMES.get(name, name) for name in results.estimators)], rows)]
+    ours = {clip: records[OURS] for clip, records in clips.items() if OURS in records}
+    titles = ["clip", "shift, px", "readout, ms: true, found", "corner off by, px", "least gain of a frame, dB"]
+    titles += ["share, whole pictures", "result"]
+    parts += [_table(titles, [_found_row(clip, record) for clip, record in ours.items()])] if ours else []
+    return "\n\n".join(parts)
+
+
+def _gain(record: Record | None) -> str:
+    if record is None:
+        return _UNKNOWN
+    share = "" if record["estimator"] == NOTHING or record["share"] is None else f" ({record['share']:.2f})"
+    text = f"{record['psnr']:.2f}{share}"
+    return f"**{text}**" if record["psnr"] < record["psnr_input"] else text
+
+
+def _found_row(clip: str, record: Record) -> list[str]:
+    corner = record.get("corner_px")
+    share = record["share_whole"]
+    figures = [f"{record['shift_px']:.1f}", f"{record['true_ms']:.1f}, {_readout(record)}"]
+    figures += [_UNKNOWN if corner is None else f"{corner:+.1f}", f"{record['least']:+.2f}"]
+    return [clip, *figures, _UNKNOWN if share is None else f"{share:.2f}", _result(record)]
+
+
 def _by_clip(results: Results) -> dict[str, dict[str, Record]]:
     """Returns clip -> method -> its record."""
     clips: dict[str, dict[str, Record]] = {}
@@ -39,7 +67,8 @@ def _by_clip(results: Results) -> dict[str, dict[str, Record]]:
 def _own_row(clip: str, record: Record) -> list[str]:
     ratio = _UNKNOWN if record["ratio"] is None else f"{record['ratio']:.3f} ({record['ratio_t']:.0f})"
     steps = [f"{record[f'{key}_input']:.2f}, {record[key]:.2f}" for key in ("rms", "usual", "largest")]
-    return [clip, ratio, _readout(record), *steps, f"{record['sharpness']:.2f}", _outcome(record)]
+    result = f"**worse**, {_result(record)}" if record["worse"] else _result(record)
+    return [clip, ratio, _readout(record), *steps, f"{record['sharpness']:.2f}", result]
 
 
 def _readout(record: Record) -> str:
@@ -49,10 +78,9 @@ def _readout(record: Record) -> str:
     return f"{record['readout_ms']:.1f}" + ("" if error is None else f" ± {error:.1f}")
 
 
-def _outcome(record: Record) -> str:
+def _result(record: Record) -> str:
     changed = round(record["straightened"] * record["frames"])
-    did = f"{changed} of {record['frames']} frames straightened" if changed else f"copied: {record['left']}"
-    return f"**worse**, {did}" if record["worse"] else did
+    return f"{changed} of {record['frames']} frames straightened" if changed else f"copied: {record['left']}"
 
 
 def _steps(record: Record | None) -> str:
@@ -67,4 +95,7 @@ def _table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return Table("", list(titles), [list(row) for row in rows]).markdown
 
 
-CLIP_TABLES = {"real clips": real_clip_tables}  # kind of a run -> its short tables
+CLIP_TABLES = {
+    "rendered clips": rendered_clip_tables,
+    "real clips": real_clip_tables,
+}  # kind of a run -> its short tables

@@ -29,7 +29,8 @@ METHODS = (NOTHING, OURS, *_FILTERS)
 _NEEDED = {"deshake": "deshake", "vid.stab": "vidstabdetect"}  # filters of FFmpeg
 _LIST = "clips.csv"  # in the folder, if someone wrote it: clip, note, source
 _STEPS = ("rms", "usual", "largest")
-_WORSE, _WORSE_ONCE = 1.05, 1.1  # times: root mean square and largest step above which a clip got worse
+# a clip got worse if its root mean square or largest step grew by more than these factors, and by more px than these
+_WORSE, _WORSE_ONCE, _WORSE_PX = 1.05, 1.1, 0.05
 
 
 def check_programs(names: list[str]) -> None:
@@ -107,7 +108,7 @@ class RealClipCase(Case):
         if name == OURS:
             output = folder / f"{name}{self.path.suffix}"
             said = straighten(self.path, output, "--end", str(SECONDS))
-            return ClipWobble.of(output, SECONDS), _said(said)
+            return ClipWobble.of(output, SECONDS), outcome_of(said)
         output = folder / f"{name}.mp4"
         _stabilise(self.path, output, name)
         return ClipWobble.of(output, SECONDS), {}
@@ -154,7 +155,8 @@ def _stabilise(clip: Path, output: Path, name: str) -> None:
 def _figures(before: ClipWobble, after: ClipWobble) -> Record:
     """Returns the figures of a clip before and after a program."""
     shown = before.regression
-    is_worse = after.rms > _WORSE * before.rms or after.largest > _WORSE_ONCE * before.largest
+    is_worse = after.rms > max(_WORSE * before.rms, before.rms + _WORSE_PX)
+    is_worse |= after.largest > max(_WORSE_ONCE * before.largest, before.largest + _WORSE_PX)
     return {
         **{key: getattr(after, key) for key in _STEPS},
         **{f"{key}_input": getattr(before, key) for key in _STEPS},
@@ -167,8 +169,8 @@ def _figures(before: ClipWobble, after: ClipWobble) -> Record:
     }
 
 
-def _said(said: JsonObject) -> Record:
-    """Returns what our own program says about a clip."""
+def outcome_of(said: JsonObject) -> Record:
+    """Returns the figures of a record of ``unshutter video``."""
     is_found = said["found_by"] != "usual value"
     spread = said.get("readout_ratio_sd")
     left = said["left"]

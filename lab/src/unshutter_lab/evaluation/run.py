@@ -198,6 +198,6 @@ def _counts(results: Results) -> str:
     photos = results.frame.groupby("group", sort=False)["photo"].nunique()
     listed = ", ".join(f"{group} {count}" for group, count in photos.items())
     kinds = {"places": "Places", "sequences": "Photos, seen by each log at each ratio"}
-    kinds |= dict.fromkeys(("pairs", "video"), "Sequences") | {"real clips": "Clips"}
+    kinds |= dict.fromkeys(("pairs", "video"), "Sequences") | dict.fromkeys(("real clips", "rendered clips"), "Clips")
     what = kinds.get(PROTOCOLS[results.request.protocol].kind, "Photos")
     return f"{what}: {listed}."

@@ -44,6 +44,7 @@ LEGENDS = {
     "pairs": "Mean gain in PSNR over the unchanged frame.",
     "sequences": "Median EPE in px of 256 rows.",
     "video": "Mean |R_F|.",
+    "rendered clips": "PSNR of still surfaces [dB]; in brackets, the share of the exact map's gain.",
     "real clips": "**What unshutter does**: pixels before and after; in brackets t.",
 }
 _UNKNOWN = "–"
@@ -281,6 +282,22 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("ratio within 0.1", "ratio_within", "mean", "{:.0%}", +1),
             Column("ratio covered", "ratio_covered", "mean", "{:.0%}"),
             _FAILED,
+        ]
+    ],
+    "rendered clips": [
+        [
+            Column("shift", "shift_px", form="{:.1f} px"),
+            Column("PSNR", "psnr", form="{:.2f} dB", better=+1),
+            Column("PSNR gain", "gain", form="{:+.2f} dB", better=+1),
+            Column("share of the exact map's", "share", form="{:.3f}"),
+            Column("least gain of a frame", "least", form="{:+.2f} dB"),
+            Column("PSNR of whole pictures", "psnr_whole", form="{:.2f} dB", better=+1),
+            Column("share of whole pictures", "share_whole", form="{:.3f}"),
+            Column("true readout", "true_ms", form="{:.1f} ms"),
+            Column("readout found", "readout_ms", form="{:.1f} ms"),
+            Column("its error", "readout_error_ms", form="{:.1f} ms"),
+            Column("corner off by", "corner_px", form="{:+.1f} px"),
+            Column("straightened", "straightened", form="{:.0%}"),
         ]
     ],
     "real clips": [

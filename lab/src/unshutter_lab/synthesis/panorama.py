@@ -103,14 +103,22 @@ class Place:
             camera: the camera at the moment of the reference row.
             rows: the row matrices of a motion; None for a camera that stands still.
         """
+        matrices = np.broadcast_to(np.eye(3), (camera.height, 3, 3)) if rows is None else rows
+        return self._along(*_directions(camera.attitude() @ matrices, camera), camera.focal_px)
+
+    def along(
+        self, directions: Float[np.ndarray, "height width 3"], focal_px: float
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """Returns what is seen in directions of any length, RGB, for a picture with this focal length [px]."""
+        return self._along(directions[..., 0], directions[..., 1], directions[..., 2], focal_px)
+
+    def _along(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, focal_px: float) -> UInt8[np.ndarray, "h w 3"]:
         import cv2
 
-        matrices = np.broadcast_to(np.eye(3), (camera.height, 3, 3)) if rows is None else rows
-        directions = _directions(camera.attitude() @ matrices, camera)
         # the smallest faces that are nearly as fine as the picture, since larger ones would be sampled too coarsely
-        fine = (level for level in self._levels if level.side / 2 >= _LEAST_FINE * camera.focal_px)
+        fine = (level for level in self._levels if level.side / 2 >= _LEAST_FINE * focal_px)
         level = min(fine, key=lambda level: level.side, default=self._levels[0])
-        col, row = face_positions(*directions, level.side)
+        col, row = face_positions(x, y, z, level.side)
         return cv2.remap(level.atlas, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
