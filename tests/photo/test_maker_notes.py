@@ -128,3 +128,23 @@ def test_parts_of_a_note_that_a_tiff_has_elsewhere_are_named() -> None:
 
     assert left_out(preview_at(26 + len(struct.pack("<HHHIIHHIII", *range(10))))) == ()
     assert left_out(preview_at(5000)) == ("parts of the maker's note",)
+
+
+def tiff_from_jpeg_with(note: Entry) -> Tree:
+    """EXIF of a TIFF that is made of a JPEG with a maker's name and such a note."""
+    directory = {0x010F: Entry(2, 12, b"Acme Optics\0"), EXIF: {MAKER_NOTE: note}}
+    blob = exif.of_tiff(Tree("<", [directory]))
+    assert blob is not None
+    cut = blob[: len(EXIF_PREFIX) + 8 + 2 + 2 * 12 + 4 + len("Acme Optics\0") + 2 + 12 + 4 + min(len(note.data), 100)]
+    tree = read_tree(io.BytesIO(Photo.from_bytes(encoded(drawn(), "JPEG", exif=cut)).to_bytes("tiff")))
+    assert tree is not None and tree.text(0x010F) == "Acme Optics"
+    return tree
+
+
+def test_a_note_that_is_cut_off_is_left_out_of_a_tiff_that_is_whole_otherwise() -> None:
+    assert tiff_from_jpeg_with(Entry(7, 200, bytes(200))).entry(MAKER_NOTE, EXIF) is None
+
+
+def test_a_note_that_is_a_text_remains_one() -> None:
+    note = Entry(2, 20, b"made on a sunny day\0")
+    assert tiff_from_jpeg_with(note).entry(MAKER_NOTE, EXIF) == note

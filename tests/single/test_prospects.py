@@ -9,7 +9,7 @@ import pytest
 from support.posteriors import posterior_of
 from unshutter.single.candidates import modes_of
 from unshutter.single.prior import Forest
-from unshutter.single.prospects import HARM, LOST, MOVING, Prospect, prospect
+from unshutter.single.prospects import HARM, LOST, MOVING, Prospect, features, prospect
 from unshutter.single.search import Posterior, displacement
 
 SHEAR_AND_BEND = np.array([0.08, -0.1, 0, 0, 0, 0])
@@ -45,6 +45,14 @@ def test_size_and_error_are_of_the_motion() -> None:
     one = found(80)
     assert one.size == displacement(SHEAR_AND_BEND)
     assert 0 < one.error < one.size
+
+
+def test_shear_and_turn_are_how_far_the_last_row_is_moved_and_turned() -> None:
+    motion = np.array([0.08, -0.1, 0.03, 0.02, 0.05, -0.01])
+    given = posterior_of(motion, 80)
+    found = features(given, modes_of(given)[0], None)
+    assert found["shear"] == pytest.approx(256 * 0.01)
+    assert found["turn"] == pytest.approx(np.degrees(0.06))
 
 
 @pytest.mark.parametrize(("better", "error"), [(0.9, 0.01), (0.5, 0.0), (0.9, 0.08)])
