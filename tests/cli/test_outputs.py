@@ -4,6 +4,7 @@ The options are found by what their fields say that they name (options/fields.py
 stands in ``SCENES`` (support/outputs.py), and then until it is safe.
 """
 
+import functools
 import os
 import shutil
 from collections.abc import Iterator
@@ -17,14 +18,19 @@ from support.batches import make_motion, make_photos
 from support.covering import covering
 from support.outputs import NEEDS, SCENES, Scene, calibrate, film, film_by_motion, train
 from unshutter.cli import command_named, main, summaries
-from unshutter.options.fields import options_of
+from unshutter.options.fields import Option, options_of
+
+
+@functools.cache
+def options_of_commands() -> list[tuple[str, Option]]:
+    """(command, option) of the options of all commands, but for what stands without a name."""
+    found = ((command, each) for command in summaries() for each in options_of(command_named(command).arguments))
+    return [(command, each) for command, each in found if not each.more.get("positional")]
 
 
 def flags(*names: str) -> set[tuple[str, str]]:
     """(command, option) of the options of all commands that name inputs or outputs."""
-    options = ((command, each) for command in summaries() for each in options_of(command_named(command).arguments))
-    given = ((command, each) for command, each in options if not each.more.get("positional"))
-    return {(command, f"--{each.name}") for command, each in given if each.more.get("names") in names}
+    return {(command, f"--{each.name}") for command, each in options_of_commands() if each.more.get("names") in names}
 
 
 def test_every_option_that_names_a_file_is_tried_here(tmp_path: Path) -> None:

@@ -152,13 +152,14 @@ def png_of(width: int, height: int, rows: int) -> bytes:
 @pytest.mark.parametrize(
     "bomb",
     [
-        png_of(30_000, 30_000, 1000),
-        png_of(2_000_000_000, 2_000_000_000, 0),
+        (30_000, 30_000, 1000),
+        (2_000_000_000, 2_000_000_000, 0),
         b"\xff\xd8\xff\xc0\0\x11\x08\xff\xff\xff\xff\x03\x01\x22\0\x02\x11\x01\x03\x11\x01" + b"\0" * 200,
     ],
     ids=["pixels that compress to nothing", "sizes beyond all", "jpeg of 65535 x 65535"],
 )
-def test_bombs_are_refused_before_they_go_off(bomb: bytes) -> None:
+def test_bombs_are_refused_before_they_go_off(bomb: bytes | tuple[int, int, int]) -> None:
+    bomb = png_of(*bomb) if isinstance(bomb, tuple) else bomb
     with pytest.raises(UnshutterError):
         Photo.from_bytes(bomb, max_pixels=MAX_PIXELS)
     before = memory()

@@ -1,6 +1,7 @@
 """Clips that tests make: a camera held by hand before a drawn wall, and whatever else a file can hold."""
 
 from fractions import Fraction
+from functools import cache
 
 import av
 import numpy as np
@@ -24,6 +25,7 @@ def shaken(seconds=4.0):
     )
 
 
+@cache
 def wall():
     """What the camera sees: with more contrast than other tests need, since encoders take some of it."""
     drawn = textured(2 * HEIGHT, 2 * WIDTH, bands=1)[..., 0].astype(np.float64)
@@ -32,8 +34,20 @@ def wall():
 
 def moving(frames=16, log=None, ratio=RATIO):
     """(camera, frames as grey pictures)."""
-    camera = TurningCamera(log or shaken(), 0.05, frames, FPS, ratio, HEIGHT, WIDTH, FOCAL)
+    if log is None:
+        camera, greys = _shaken(frames, ratio)
+        return camera, list(greys)
+    camera = TurningCamera(log, 0.05, frames, FPS, ratio, HEIGHT, WIDTH, FOCAL)
     return camera, list(camera.rendered(wall()))
+
+
+@cache
+def _shaken(frames, ratio):
+    """Of the usual log, for all tests; they do not change them."""
+    camera, greys = moving(frames, shaken(), ratio)
+    for grey in greys:
+        grey.flags.writeable = False
+    return camera, greys
 
 
 def standing(frames=16):

@@ -11,7 +11,7 @@ from support.covering import thorough
 from support.hand_held import log_of, pan, shaking
 from unshutter.cli import main
 from unshutter.cli.clip_command import _line_of
-from unshutter.options.clip_options import RectifyClip
+from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video import camera, cameras
@@ -64,7 +64,7 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
     monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
     path = clips.write(tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1")
-    time = find_camera(ClipRequest.of(look(path), RectifyClip()))[0].readout
+    time = find_camera(ClipRequest.of(look(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))[0].readout
     assert time.source is ReadoutSource.USUAL and time.instead_of.code is Code.READOUT_TIME_UNKNOWN
     if wobbles:
         assert time.declined is None
@@ -136,6 +136,9 @@ def test_unchanged_means_untouched(tmp_path, run, flags):
     before = sorted(tmp_path.iterdir())
     assert main(["video", str(clip), *flags]) == 0
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_changed_frames_are_written_next_to_the_clip(tmp_path):
     moving = clips.write(tmp_path / "moving.mkv", clips.moving(16)[1], "ffv1")
     assert main(["video", str(moving), "--readout-ratio", "0.6"]) == 0
     assert (tmp_path / "moving.rectified.mkv").exists()
@@ -186,7 +189,7 @@ def hand():
     return log_of(lambda t: 25 * np.sin(6 * t), lambda t: 8 * np.sin(5 * t + 1), lambda t: 20 * np.sin(8 * t + 2))
 
 
-@pytest.mark.parametrize("camera", [*(thorough(k) for k in range(8)), 8, 9])
+@pytest.mark.parametrize("camera", [*(thorough(k) for k in range(8)), 8, thorough(9)])
 def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
     """Each comes out corrected, with a bound, or as it is because it does not tell its readout time."""
     log = [

@@ -33,7 +33,7 @@ def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, straigh
     times = [k for k in range(75) if k % 7]
     greys = clips.moving(75)[1]
     clip = clips.write(tmp_path / "in.mkv", [greys[k] for k in times], "ffv1", "gray", times=[k / 30 for k in times])
-    _, record, shown = straighten(clip)
+    _, record, shown = straighten(clip, "--focal-px", str(clips.FOCAL))
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=1.6)
     assert 0 < record["readout_ratio_sd"] < 0.08 and "readout time" in shown
 

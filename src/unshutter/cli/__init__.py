@@ -188,7 +188,9 @@ def command_named(name: str) -> Command:
 
 def summaries() -> dict[str, str]:
     """Returns the summaries of all commands by name, those of other installed packages last."""
-    return {name: command_named(name).summary for name in (*COMMANDS, *sorted(errors.plugins(_GROUP).names))}
+    own = {name: command_named(name).summary for name in COMMANDS}
+    others = {entry.name: entry for entry in errors.plugins(_GROUP) if entry.name not in own}
+    return own | {name: entry.load().summary for name, entry in sorted(others.items())}
 
 
 def _help() -> str:

@@ -148,8 +148,9 @@ class Eliminated:
         """
         columns = np.zeros((len(right), len(self.prior)))
         scaled = self.crossed * self._free[:, None, None]
-        for place, crossed, follows in zip(places, scaled, self.follows, strict=True):
-            columns[place[0] : place[-1] + 1] += np.kron(follows, crossed)
+        coupled = (self.follows[:, None, :, None] * scaled[:, :, None, :]).reshape(*scaled.shape[:2], -1)
+        for place, of_pair in zip(places, coupled, strict=True):
+            columns[place[0] : place[-1] + 1] += of_pair
         both, left = solve_banded(matrix, np.concatenate([right[:, None], columns], axis=1), block)
         weight = self._free * self.size
         own = np.kron((self.follows * weight[:, None]).T @ self.follows, np.eye(2)) + self.prior

@@ -152,13 +152,16 @@ def test_a_profile_written_as_text_is_a_profile():
     [
         (b"zTXt", b"Raw profile type exif\0\0" + zlib.compress(b"\nexif\n 8\nnothing\n")),
         (b"zTXt", b"Raw profile type exif\0\0" + b"no zlib data"),
-        (b"zTXt", b"XML:com.adobe.xmp\0\0" + zlib.compress(bytes(1 << 27))),
     ],
-    ids=["digits", "zlib", "bomb"],
+    ids=["digits", "zlib"],
 )
 def test_metadata_that_cannot_be_read_are_named(pair):
-    (name,) = Photo.from_bytes(png_with(pair)).encode().left_out
-    assert name in ("EXIF (damaged)", "XMP (damaged)")
+    assert Photo.from_bytes(png_with(pair)).encode().left_out == ("EXIF (damaged)",)
+
+
+def test_metadata_that_would_fill_the_memory_are_named():
+    bomb = (b"zTXt", b"XML:com.adobe.xmp\0\0" + zlib.compress(bytes(1 << 27)))
+    assert Photo.from_bytes(png_with(bomb)).encode().left_out == ("XMP (damaged)",)
 
 
 @pytest.mark.parametrize("at_the_end", [False, True])
