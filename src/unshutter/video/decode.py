@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
+from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
 from unshutter.errors import UnshutterError
@@ -80,19 +81,25 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
     """
     source = iter(items)
     waiting = deque[Future[list[_T]]]()
+    one_at_a_time = Lock()  # a pool does not know a thread whose start was interrupted, and would not wait for it
+
+    def take_next() -> list[_T]:
+        """Takes the next item, in a list that is empty at the end."""
+        with one_at_a_time:
+            return list(islice(source, 1))
+
+    def close() -> None:
+        with one_at_a_time:
+            if isinstance(source, Generator):
+                source.close()
+
     with ThreadPoolExecutor(1) as thread:
         try:
-            waiting.extend(thread.submit(_next, source) for _ in range(most))
+            waiting.extend(thread.submit(take_next) for _ in range(most))
             while item := waiting.popleft().result():
-                waiting.append(thread.submit(_next, source))
+                waiting.append(thread.submit(take_next))
                 yield item[0]
         finally:
             for future in waiting:
                 future.cancel()
-            if isinstance(source, Generator):
-                thread.submit(source.close)
-
-
-def _next(items: Iterator[_T]) -> list[_T]:
-    """Returns the next item, in a list that is empty at the end."""
-    return list(islice(items, 1))
+            thread.submit(close)
