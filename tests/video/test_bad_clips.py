@@ -109,7 +109,7 @@ def test_too_small(tmp_path, capsys):
 
 
 def test_too_large(tmp_path, capsys, clip):
-    words = ["-o", tmp_path / "out.mp4", "--readout-ratio", "0.6", "--max-pixels"]
+    words = ["-o", tmp_path / "out.mp4", *clips.KNOWN, "--max-pixels"]
     refused(capsys, [clip, *words, 192 * 144 - 1], 1, "192x144 px", "--max-pixels")
     assert main(["video", *map(str, [clip, *words, 192 * 144])]) == 0
 
@@ -136,7 +136,7 @@ def test_a_pipe_is_not_waited_for(tmp_path, capsys, clip):
 def test_names_do_not_reach_the_terminal_as_they_are(tmp_path, capsys):
     """Neither those of files nor those in them."""
     path = clips.write(tmp_path / "in\x1b[31m\nb.mkv", GREYS, subtitles="text", stream_tags={"handler_name": "\x1b[1m"})
-    assert main(["video", str(path), "-o", str(tmp_path / "out\x1b[32m.mp4"), "--readout-ratio", "0.6"]) == 0
+    assert main(["video", str(path), "-o", str(tmp_path / "out\x1b[32m.mp4"), *clips.KNOWN]) == 0
     shown = capsys.readouterr().err
     assert "\x1b" not in shown and len(shown.splitlines()) == shown.count("\n") <= 2
     assert r"in\x1b[31m\nb.mkv" in shown
@@ -206,7 +206,7 @@ def test_an_ending_that_holds_no_film(tmp_path, capsys, clip):
 def test_the_motion_of_another_clip(tmp_path, capsys, clip):
     saved = tmp_path / "motion.json"
     other = clips.write(tmp_path / "other.mkv", [grey[:128] for grey in GREYS], "ffv1")
-    flags = ["--readout-ratio", "0.6", "--save-motion", str(saved)]
+    flags = [*clips.KNOWN, "--save-motion", str(saved)]
     assert main(["video", str(other), "-o", str(tmp_path / "o.mkv"), *flags]) == 0
     capsys.readouterr()
     refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--motion", saved], 1, "another clip")
@@ -215,8 +215,8 @@ def test_the_motion_of_another_clip(tmp_path, capsys, clip):
 
 
 def started(tmp_path, clip, **more):
-    words = ["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6", "--preset", "veryslow"]
-    command = [sys.executable, "-m", "unshutter", *words]
+    words = ["video", str(clip), "-o", str(tmp_path / "out.mp4"), *clips.KNOWN]
+    command = [sys.executable, "-m", "unshutter", *words, "--preset", "veryslow"]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **more)
 
 
@@ -250,7 +250,7 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     process.kill()
     process.communicate(timeout=60)
     assert not (tmp_path / "out.mp4").exists()
-    words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6"]
+    words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), *clips.KNOWN]
     assert main([*words, "--preset", "ultrafast", "--end", "1"]) == 0
     assert "started from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out.mp4"]

@@ -81,11 +81,11 @@ def test_a_lens_is_found_in_frames_as_it_is_in_files():
 
 
 def test_frames_without_a_bent_lens_are_those_of_no_search(monkeypatch):
-    frames = clips.moving(60)[1]
+    frames = clips.moving(40)[1]
     searched = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
     monkeypatch.setattr(clip_functions, "lens_in_greys", lambda _: None)
     plain = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
-    assert all(np.array_equal(*pair) for pair in zip(searched, plain, strict=True)) and len(plain) == 60
+    assert all(np.array_equal(*pair) for pair in zip(searched, plain, strict=True)) and len(plain) == 40
 
 
 def test_the_focal_length_counts():
