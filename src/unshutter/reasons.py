@@ -113,6 +113,10 @@ class Code(Worded):
         "read-at-once",
         "its frames show no rolling shutter: all rows were exposed at once, or the camera corrected them",
     )
+    SCENE_CONTRADICTS = (
+        "scene-contradicts",
+        "this scene does not show the readout time of the clip: another camera took it, or it is corrected already",
+    )
     NO_WOBBLE = "no-wobble", "its frames do not show that their rows were read one after another"
     HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
     ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, Route, expect
 
+import unshutter
 from support import clips
 from support.browser import drop, wait_for
 from support.page_server import Server
@@ -100,9 +101,14 @@ def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page
 
 
 def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
-    drop(page, clips.write(tmp_path / "long.mp4", clips.moving(60)[1]))
+    film = clips.write(tmp_path / "long.mp4", clips.moving(60)[1])
+    drop(page, film)
     expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
     expect(page.locator("#clip-panel")).to_contain_text(re.compile(r"Found: (19|20|21)\.\d ± [01]\.\d ms"))
+    (measured,) = unshutter.measure_clips([film])
+    assert measured.wobble_px is not None and measured.wobble_px > 0.1
+    digits = 2 if measured.wobble_px < 1 else 1
+    expect(page.locator("#clip-panel")).to_contain_text(f"wobbles by {measured.wobble_px:.{digits}f} px from frame")
 
 
 def test_progress_and_cancelling(page: Page, tmp_path: Path) -> None:

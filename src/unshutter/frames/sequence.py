@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -68,6 +68,8 @@ class CameraMotion:
     # every so many tracks are kept out of the fit, to check it (:meth:`Tracks.split`); None: none are
     keep_out: int | None = None
     lens: Lens | None = None  # the lens, if it bends straight lines; it tells the focal length
+    # says why the next frames of a shot are left unchanged, by what was seen of it so far; None: nothing is asked
+    check: Callable[[Shot], Reason | None] | None = None
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
     _since_search: int = field(default=0, init=False)  # frames since the stiffness was searched for
@@ -121,6 +123,8 @@ class CameraMotion:
         while shot.waiting and (ended or len(shot.waiting) >= most):
             many = len(shot.waiting) if len(shot.waiting) <= most and ended else core
             fit, reason = self._fit(shot, many)
+            if reason is None and self.check is not None:
+                reason = self.check(shot)
             start = np.floor(shot.times[0])
             for frame in shot.waiting[:many]:
                 index = frame.at - start

@@ -75,7 +75,7 @@ def after(
 
 
 def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
-    """Returns the readout time of a clip's camera, its error and its source as JSON."""
+    """Returns the readout time of a clip's camera, its error and its source, and the clip's wobble as JSON."""
     with _look(open_file) as clip:
         camera = _camera_of(open_file, clip, options, progress_of(open_file))
         time = camera.readout
@@ -86,6 +86,8 @@ def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
             "found_by": time.source,
             "cameras": time.camera,
             "direction": camera.direction or "",  # in which rows were read, if the frames show another than usual
+            # wobble that the readout explains, from frame to frame; None if too few frames were looked at
+            "wobble_px": _found_in(open_file, clip, options)["wobble_px"],
             # range of the typical time, of which no frame takes longer than one; None if the time is known
             "plausible_ms": time.plausible_ms and [min(each, 1000 * clip.interval_s) for each in time.plausible_ms],
             "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time stands in
@@ -133,12 +135,26 @@ def _camera_of(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ClipCamera:
     """Returns what is known of a clip's camera, except for a gyro log: found once, and cached."""
-    from unshutter.video.camera import ClipCamera, find_camera
-    from unshutter.video.clip import ClipRequest
+    from unshutter.video.camera import ClipCamera
 
-    request = ClipRequest.of(clip, options, progress or SILENT)
-    key = options.shutter, options.span(clip.duration_s)
-    return ClipCamera.from_json(kept(open_file, "camera", key, lambda: find_camera(request)[0].as_json()))
+    return ClipCamera.from_json(_found_in(open_file, clip, options, progress)["camera"])
+
+
+def _found_in(
+    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
+) -> JsonObject:
+    """Returns a clip's camera and its wobble as JSON: found once, and cached."""
+    from unshutter.video.camera import find_camera
+    from unshutter.video.clip import ClipRequest
+    from unshutter.video.readout import wobble_in_survey
+
+    def find() -> JsonObject:
+        request = ClipRequest.of(clip, options, progress or SILENT)
+        camera, evidence = find_camera(request)
+        rows = (camera.direction or request.readout).frame_size(clip.height, clip.width)[0]
+        return {"camera": camera.as_json(), "wobble_px": wobble_in_survey(evidence, rows)}
+
+    return kept(open_file, "camera", (options.shutter, options.span(clip.duration_s)), find)
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:

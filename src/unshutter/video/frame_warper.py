@@ -30,9 +30,11 @@ from unshutter.motion.grid import EdgePolicy, Tile, valid_window
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code
 from unshutter.video.clip import COLOURS, ClipFacts, ClipRequest
 from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, warp_plane
 from unshutter.video.gyro_fit import GyroTurns
+from unshutter.video.scene_check import SceneCheck
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -99,6 +101,7 @@ def camera_motion(
         whole_path=whole_path,
         keep_out=keep_out,
         lens=request.lens,
+        check=SceneCheck.of(time, request.clip.interval_s),
     )
 
 
@@ -181,7 +184,8 @@ def _bridged(motions: Iterable[FrameMotion]) -> Iterator[tuple[FrameMotion, Find
 def _mixed(scene: int, none: Finding, known: list[_Known]) -> Finding:
     """Returns a motion like those of frames nearby, the less so the further away; otherwise ``none``."""
     alike = [each for each in known if each[0] == scene]
-    if not alike and len(known) == 2:  # a scene of so few frames is an error
+    is_own = none.reason is not None and none.reason.code is Code.SCENE_CONTRADICTS  # a scene that is known as another
+    if not alike and len(known) == 2 and not is_own:  # a scene of so few frames is an error
         alike = known
     shares = [(found.motion, max(0.0, 1 - apart / _FADED)) for _, found, apart in alike]
     total = max(1.0, sum(share for _, share in shares))

@@ -38,6 +38,20 @@ def regression_in_survey(evidence: Survey) -> Regression | None:
     return regression(runs_in_survey(evidence))
 
 
+def wobble_in_survey(evidence: Survey, rows: int) -> float | None:
+    """Returns how far a clip wobbles from frame to frame, by what its readout explains; None if its frames are too few.
+
+    Args:
+        rows: of the clip's frames.
+
+    Returns:
+        Root mean square at the first and last rows [px of the clip].
+    """
+    shown = regression_in_survey(evidence)
+    tracks = next((frame.tracks for frame in evidence.frames if frame.tracks is not None), None)
+    return None if shown is None or tracks is None else shown.wobble_px * rows / tracks.height
+
+
 def runs_in_survey(evidence: Survey) -> list[Run]:
     """Returns the pairs of consecutive frames whose motion is known."""
     runs: list[Run] = []

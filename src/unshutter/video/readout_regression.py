@@ -20,11 +20,11 @@ turned by 90 degrees.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from unshutter.frames.tracks import Tracks
+from unshutter.frames.tracks import Tracks, straightened
 from unshutter.motion.shapes import Bool, Float64
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 
@@ -58,6 +58,13 @@ class PairMotion:
     def moved(self) -> bool:
         """Whether the second frame is another one than the first: encoders repeat frames to fill gaps."""
         return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _REPEATED_PX
+
+    @classmethod
+    def through_lens(cls, tracks: Tracks) -> PairMotion | None:
+        """Returns the motion as a lens shows it that keeps lines straight; None if the tracks are too few."""
+        start = straightened(tracks.start, tracks)
+        end = straightened(tracks.end, tracks)
+        return cls.of(replace(tracks, start=start, end=end))
 
     @classmethod
     def of(cls, tracks: Tracks) -> PairMotion | None:

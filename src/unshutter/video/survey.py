@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from unshutter.frames.self_calibration import GreyFrame
-from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow, straightened
+from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.progress import Steps
 from unshutter.video.clip import ClipRequest
@@ -41,12 +41,7 @@ class TrackedFrame:
     def motion(self) -> PairMotion | None:
         """Motion of the picture since the previous frame, through a lens that keeps lines straight; None if unknown."""
         plane = self.background
-        if plane is None or not plane.joined:
-            return None
-        tracks = plane.tracks
-        start = straightened(tracks.start, tracks)
-        end = straightened(tracks.end, tracks)
-        return PairMotion.of(replace(tracks, start=start, end=end))
+        return None if plane is None or not plane.joined else PairMotion.through_lens(plane.tracks)
 
 
 @dataclass(frozen=True, eq=False)

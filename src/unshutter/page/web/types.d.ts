@@ -107,6 +107,7 @@ export interface ReadoutTime {
   found_by: string;
   cameras: string;
   direction: string;
+  wobble_px: number | null;
   plausible_ms: [number, number] | null;
   left: boolean;
 }

@@ -362,9 +362,10 @@ export const words = {
     return `The clip does not show it, ${usual}; if you know yours, choose it above.`;
   },
   readoutInFile: ({ ms }) => `${ms.toFixed(1)} ms, from the clip's file.`,
-  readoutEstimated: ({ ms, ms_sd: sd, ratio, direction }) => {
+  readoutEstimated: ({ ms, ms_sd: sd, ratio, direction, wobble_px: px }) => {
     const way = direction ? `, read ${direction.replaceAll("-", " ")}` : "";
-    return `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms, a readout ratio of ${ratio.toFixed(2)}${way}.`;
+    const wobble = px === null ? "" : ` The clip wobbles by ${px.toFixed(px < 1 ? 2 : 1)} px from frame to frame.`;
+    return `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms, a readout ratio of ${ratio.toFixed(2)}${way}.${wobble}`;
   },
   partOf: "Only a part",
   clipToAll: "Use these settings for all clips",
