@@ -267,15 +267,16 @@ PROTOCOLS = {
     "rendered-clips": Protocol(
         "Rendered clips",
         "rendered clips",
-        "Clips of places, each of 480x270 px, rendered at three times the size and averaged down, and encoded as H.264 "
-        "in 4:4:4 (`crf` 18). Hands are drawn, and turn so fast that pixels are shifted by up to 3 to 10 px (in nine "
-        "of ten frames), at 24, 30 and 60 frames a second: through a lens whose bend is not described by one number; "
+        "Clips of places, 480x270 px, rendered at three times the size, averaged down, and encoded as H.264 in 4:4:4 "
+        "(`crf` 18). Hands are drawn, and turn so fast that pixels are shifted by up to 3 to 10 px (in nine of ten "
+        "frames), at 24, 30 and 60 frames a second: through a lens whose bend is not described by one number; "
         "walking, behind a fence, with people who pass; with little light (rows exposed for half a frame's time, noise "
         "of 6 levels); with every eighth frame repeated; on a drone that vibrates. PSNR of RGB [dB] is taken against "
         "noiseless global-shutter frames at the time of the middle row: of still surfaces that both shutters see, and "
         "of whole pictures, without a border of 6 %. *exact-map* is the bound: the true map, with near surfaces and "
         "people, applied to the decoded clip, and encoded at the clip's bit rate, as ours are. Shares are of its gain "
-        "in dB. *unshutter-given* is given the readout ratio and the lens, or the focal length.",
+        "in dB. *unshutter-given* is given the readout ratio and the lens, or the focal length. x264 does not always "
+        "write the same bytes, so that figures differ a little from run to run.",
         _rendered_clips,
         rows="photo",
         methods=RENDERED_METHODS,

@@ -56,9 +56,8 @@ class Filming:
     figures: int = 0  # people who pass
     dark: bool = False  # whether rows are exposed for half a frame's time, and the picture is dark
     noise: float = 1.5  # standard deviation [levels of 255]
-    vibration: tuple[float, float] | None = (
-        None  # frequency [Hz] and amplitude [degrees], as of a drone; beside the shift
-    )
+    # frequency [Hz] and amplitude [degrees] about each axis, as of a drone, on top of the shift
+    vibration: tuple[float, float] | None = None
     repeated: int = 0  # every so many frames, one shows its predecessor again; 0: none does
     height: int = 270  # px
     width: int = 480
@@ -70,9 +69,7 @@ class Seen:
 
     surface: UInt8[np.ndarray, "h w"]  # 0: the place; 1: the fence; from 2 on: figures
     far: Float32[np.ndarray, "h w 3"]  # direction, in the camera's first axes
-    near: Float32[
-        np.ndarray, "h w 2"
-    ]  # where it meets the plane one unit ahead, about the surface's own origin [units]
+    near: Float32[np.ndarray, "h w 2"]  # place on its plane, about the surface's own origin [units]
 
 
 class FilmedPlace:
@@ -91,6 +88,7 @@ class FilmedPlace:
             self.lens = replace(shape, focal=float(reach / shape.distance(np.radians(filming.degrees / 2))))
             self.focal_px = self.lens.focal * filming.height
         self.camera = self._drawn(rng)
+        self._known_rays: dict[int, np.ndarray] = {}  # by how much finer they are than the frames
 
     @property
     def shift_px(self) -> float:
@@ -192,7 +190,7 @@ class FilmedPlace:
                 here = wanted.surface == number
                 on = wanted.near[here] + _between(origin, row[here])
                 ray[here] = np.concatenate([on, np.ones((len(on), 1))], axis=-1)
-            at = self._positions(np.einsum("hwij,hwj->hwi", _between(turned, row), ray))
+            at = self._positions((_between(turned, row) @ ray[..., None])[..., 0])
         there = self.seen(self._times(frame, False, 1)).surface
         nearest = np.rint(at).astype(int)
         inside = (nearest >= 0).all(axis=-1) & (nearest < [f.width, f.height]).all(axis=-1)
@@ -221,21 +219,15 @@ class FilmedPlace:
             yield _FIGURES + number, np.stack([place + speed * seconds, 0 * seconds], axis=-1) - moved
 
     def _rays(self, finer: int) -> Float32[np.ndarray, "h w 3"]:
-        if finer not in self._known_rays:
-            self._known_rays[finer] = self._directions(finer)
-        return self._known_rays[finer]
-
-    @cached_property
-    def _known_rays(self) -> dict[int, np.ndarray]:
-        return {}
-
-    def _directions(self, finer: int) -> Float32[np.ndarray, "h w 3"]:
         """Returns the directions in which the pixels of a picture look, in the camera's axes."""
+        if finer in self._known_rays:
+            return self._known_rays[finer]
         f = self.filming
         sides = (((np.arange(n * finer) + 0.5) / finer - n / 2) / self.focal_px for n in (f.width, f.height))
         x, y = np.meshgrid(*sides)
         directions = (x, y, np.ones_like(x)) if self.lens is None else self.lens.direction(x, y)
-        return np.stack(directions, axis=-1).astype(np.float32)
+        self._known_rays[finer] = np.stack(directions, axis=-1).astype(np.float32)
+        return self._known_rays[finer]
 
     def _positions(self, rays: Float64[np.ndarray, "h w 3"]) -> Float64[np.ndarray, "h w 2"]:
         """Returns where directions in the camera's axes are seen (col, row)."""
