@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -177,6 +178,7 @@ class Finder(ast.NodeVisitor):
         """Passes over what is in an f-string: before Python 3.12, its places are not known."""
 
 
+@cache
 def places(file: Path) -> list[Mutant]:
     finder = Finder(file, (SOURCE / file).read_bytes())
     finder.visit(ast.parse(finder.source))

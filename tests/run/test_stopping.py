@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
+from support.covering import thorough
 from unshutter.photo import Photo
 from unshutter.storage.files import written_whole
 
@@ -56,7 +57,9 @@ def check_stopped(process: subprocess.Popen, code: int) -> str:
     return errors
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 143), thorough(signal.SIGHUP, 129), (signal.SIGINT, 130)]
+)
 def test_in_the_middle_of_a_picture(number: int, code: int, photo: Path, motion: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.png"
     process = start_rectify(photo, "-o", out, "--motion", motion)  # a photo left unchanged is copied too quickly

@@ -68,7 +68,8 @@ def test_what_does_not_help_is_not_done(run, flags):
     assert reason["code"] == Code.NO_GAIN and reason["figures"]["after"] > reason["figures"]["before"]
     assert "undoing the motion hardly helps" in shown and "to straighten it anyway" in shown
     assert record["rectified"] == 0 and (flags or out.read_bytes() == clip.read_bytes())
-    assert run(greys, "--readout-ms", "20")[2]["rectified"] == FRAMES
+    if not flags:
+        assert run(greys, "--readout-ms", "20")[2]["rectified"] == FRAMES
 
 
 def test_a_camera_that_stood_still_is_copied(run):
