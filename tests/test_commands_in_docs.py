@@ -42,7 +42,6 @@ SKIPPED = {
     "uvx ": "installs packages",
     "python3 -m venv ": "makes an environment, as .ci/release-check does",
     "make app": "builds for minutes: tests/release/test_application.py tries what was built",
-    "PYTHONPATH=benchmarks python ": "measures on clips that are not in the repository",
     "python ": "measures for minutes; each of these scripts has tests of its own",
     'grep \'"event": "failed"\'': "finds nothing where nothing failed",
     "ffmpeg ": "is another program",
