@@ -29,6 +29,7 @@ def folder(tmp_path_factory):
 def test_words_and_json_say_the_same(folder, capsys):
     assert main(["measure", str(folder / "a.mkv")]) == 0
     words = capsys.readouterr().out
+    assert words.startswith(f"{folder / 'a.mkv'} (192x144 px, 30.00 frames/s): ")
     assert main(["measure", "--json", str(folder / "a.mkv")]) == 0
     (record,) = json.loads(capsys.readouterr().out)
     assert record["readout_ratio"] == pytest.approx(0.6, rel=0.1)

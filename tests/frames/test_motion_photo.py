@@ -81,6 +81,7 @@ def test_a_photo_is_rectified_by_its_film(hurried, tmp_path, capsys):
     assert result.verdict.described().endswith("(by the film inside it)")
     assert result.verdict.as_json()["source"] == "film"
     assert unshutter.estimate(data, estimator="none").motion.is_zero
+    assert unshutter.candidates(data, focal_px=FOCAL)[0].finding.source is MotionSource.FILM
 
 
 def test_no_film_leaves_the_film_alone(hurried, tmp_path):

@@ -10,7 +10,10 @@ from unshutter.frames.tracks import Tracks, background
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
+from unshutter.video.clip import ClipRequest, look
 from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.decode import frames_of
+from unshutter.video.frame_warper import grey_copies
 
 
 def test_a_camera_that_moves_gently_does_not_stand_still(tmp_path, straighten):
@@ -36,6 +39,15 @@ def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, straigh
     _, record, shown = straighten(clip, "--focal-px", str(clips.FOCAL))
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=1.6)
     assert 0 < record["readout_ratio_sd"] < 0.08 and "readout time" in shown
+
+
+def test_the_time_since_a_frame_before_missing_ones_counts(tmp_path):
+    times = [0, 1, 2, 4, 5]
+    greys = [clips.moving(6)[1][k] for k in times]
+    path = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray", times=[k / 30 for k in times])
+    clip = look(path)
+    copies = list(grey_copies(ClipRequest.of(clip, RectifyClip()), frames_of(clip)))
+    assert [copy.after for copy in copies[1:]] == pytest.approx([1, 1, 2, 1], abs=0.02)
 
 
 def test_missing_frames_are_not_called_a_shaking_camera(tmp_path, straighten):
