@@ -176,7 +176,8 @@ class CameraMotion:
         if self.turns is not None:
             moments = pairwise(shot.clock_s)
             pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
-        problem = Problem(pairs, focal, starts, DEPTH)
+        # two frames alone do not tell skew that depth adds from skew that the readout adds
+        problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None)
         likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)), shot.as_now(shot.fitted))
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
