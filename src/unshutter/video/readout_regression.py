@@ -45,8 +45,8 @@ _NONE_ERROR = 0.02  # largest standard error of a ratio that is none
 _LIKELY = 3.0
 _LIKELY_ERROR = 0.1
 _WOULD_SHOW = 0.15
-# of the ratio: what is left where errors are small, since a spline misses fast shaking, and the middle of the picture moves
-# more slowly than its sides (14 rendered clips: off by 9 %, root mean square, and 7 % too large on average)
+# of the ratio: what is left where errors are small, since a spline misses fast shaking, and the middle of the picture
+# moves more slowly than its sides (14 rendered clips: off by 9 %, root mean square, and 7 % too large on average)
 _MODEL_ERROR = 0.08
 
 
@@ -183,7 +183,7 @@ class Regression:
 
     @property
     def readout(self) -> ReadoutRatio:
-        """The ratio of a clip that was read from the top to the bottom, with an error that allows for the model's, too."""
+        """The ratio of a clip that was read from the top to the bottom, with an error that includes the model's."""
         error = float(np.hypot(self.error, _MODEL_ERROR * self.rows.ratio))
         return ReadoutRatio(min(self.rows.ratio, 1.0), error, ReadoutSource.REGRESSION)
 
