@@ -10,6 +10,7 @@ from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, pan, still
 from unshutter import Photo, UsageError
 from unshutter.frames.sequence import CameraMotion, estimate_frames
 from unshutter.options import Clock
+from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code, Reason
 from unshutter_lab.evaluation.metrics import motion_error
 
@@ -44,6 +45,24 @@ def test_long_sequences_are_seamless():
     moving, frames = clip(hand(6), 0.6, frames=60)
     errors_px = errors(iter(frames), moving, readout_ratio=0.6, focal_px=FOCAL)
     assert max(errors_px) < 0.5
+
+
+def test_copies_take_the_motion_of_the_frame_that_they_repeat():
+    """Programs put copies where frames are missing: the camera did not stand still meanwhile."""
+    moving, frames = clip(hand(4), 0.6, frames=40)
+    shown = [k - 1 if k % 8 == 7 else k for k in range(40)]
+    findings = list(estimate_frames([frames[k] for k in shown], readout_ratio=0.6, focal_px=FOCAL))
+    errors_px = [motion_error(found.motion, moving.motion(k)).epe for found, k in zip(findings, shown, strict=True)]
+    assert np.mean(errors_px) < 0.15 and max(errors_px) < 0.5
+    assert findings[7].motion == findings[6].motion
+
+
+def test_a_camera_that_stops_takes_no_copies():
+    """However alike its frames are then, they are later moments."""
+    frames = clip(hand(4), 0.6, frames=12)[1]
+    motions = list(CameraMotion(ReadoutRatio(0.6), FOCAL).frames(frames + frames[-1:] * 6))
+    assert len(motions) == 18
+    assert [motion.after for motion in motions[11:]] == [1, 0, 0, 3, 1, 1, 1]
 
 
 def test_a_readout_along_columns():

@@ -111,7 +111,7 @@ class FrameMotion:
     # the camera's rotation measured by a gyro, if available; ``fit`` is then the remaining rotation
     turns: KnownTurns | None = None
     time_s: float = 0.0  # time of the frame on the clip's clock [s]
-    after: float = 1.0  # time since the previous frame [frame intervals]
+    after: float = 1.0  # time since the previous frame [frame intervals]; 0 for a copy of it
     tracks: Tracks | None = None  # from the previous frame, if the whole path is requested; otherwise None
     focal: float | None = None  # focal length [px of ROWS rows], if known without a fit
     lens: Lens | None = None  # the camera's lens, if it bends straight lines
@@ -156,6 +156,8 @@ class FrameMotion:
         if before is None or before.scene != self.scene:
             return None
         joined = before.shot == self.shot
+        if joined and self.after == 0:
+            return Step(np.zeros(3), np.nan)
         if self.turns is None and (not joined or self.fit is None):
             still = joined and self.reason is not None and self.reason.code in AT_REST
             return Step(np.zeros(3), np.nan) if still else self._step_of_pair()

@@ -42,6 +42,7 @@ _TOO_UNSURE = 0.08
 _FAR, _FALL = 3.0, 2.0  # errors, and evidence: ratios that are farther away than so many must be less likely by so much
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
+_COPIES, _COPY_PX = 2, 0.005  # copies of a frame, at most; px: by which the tracks of a copy move, if at all
 # cycles per frame: faster oscillations are hidden between the frames, unless parts of the sequence agree
 _FASTEST = 0.4
 _AGREE = 0.05  # standard deviation of the ratios of parts that agree
@@ -157,6 +158,19 @@ def flow(pair: Tracks) -> float:
     return float(np.median(np.hypot(*(pair.end - pair.start).T))) * ROWS / pair.height
 
 
+def is_copy(pair: Tracks, before: Tracks | None, copies: int) -> bool:
+    """Whether a frame is a copy of the previous one, as programs put them where frames are missing.
+
+    Args:
+        pair: all tracks from the previous frame.
+        before: tracks to that one; None: there are none. A camera at rest takes frames that only look like copies.
+        copies: number of copies since then.
+    """
+    if before is None or not len(before) or not len(pair) or copies >= _COPIES or flow(before) < STILL_PX:
+        return False
+    return float(np.median(np.hypot(*(pair.end - pair.start).T))) < _COPY_PX
+
+
 def drift(pair: Tracks) -> float:
     """Returns the displacement of the picture as a whole, from the median vector of its tracks [px of ROWS rows]."""
     return float(np.hypot(*np.median(pair.end - pair.start, axis=0))) * ROWS / pair.height
@@ -232,6 +246,7 @@ class GreyFrame:
     time_s: float = 0.0  # time on the clip's clock [s], if there is one
     followed: Tracks | None = None  # all tracks from the previous frame, if corners were tracked before
     tracks: Tracks | None = None  # those that move with the camera, or all if none do
+    copies: int = 0  # number of copies of it that follow
 
 
 @dataclass(eq=False)
@@ -254,6 +269,7 @@ class Shot:
     fitted: tuple[float, Fit] | None = None
     taken: tuple[float, Fit] | None = None
     _last: GreyFrame | None = None
+    _gap: float = 0.0  # time that its copies take [frame intervals]
     _next: Background | None = None
     _clear: int = 0  # number of pairs in a row, the last ones, whose tracks nearly all move with the camera
     _moving: list[bool] = field(default_factory=list)
@@ -273,6 +289,19 @@ class Shot:
     def passed(self) -> bool:
         """Whether something moved in front of the camera."""
         return sum(self._passing) > _CHANCE
+
+    def repeats(self, frame: GreyFrame, lens: Lens | None = None) -> bool:
+        """Whether a frame, taken through this lens, is a copy of the previous one; then it is counted with that."""
+        last = self._last
+        if last is None or (frame.height, frame.width) != (last.height, last.width):
+            return False
+        frame.followed = frame.followed or follow(last.grey, frame.grey, lens)
+        before = self.pairs[-1] if self.pairs else None
+        if not is_copy(frame.followed, before, last.copies):
+            return False
+        last.copies += 1
+        self._gap += frame.after
+        return True
 
     def joins(self, frame: GreyFrame, ratio: ReadoutRatio | None, lens: Lens | None = None) -> bool:
         """Whether a frame, taken through this lens, shows the same scene as the previous one."""
@@ -307,12 +336,14 @@ class Shot:
             moves = len(self._next.tracks) > 0 and flow(self._next.tracks) > STILL_PX
             self._moving.append(not self._next.still and moves)
             self._passing.append(self._next.passing)
+            frame.after += self._gap
             frame.at = self._last.at + frame.after
             self._last.grey = frame.grey[:0]  # no longer needed
         self.times.append(frame.at)
         self.clock_s.append(frame.time_s)
         self.waiting.append(frame)
         self._last = frame
+        self._gap = 0.0
 
     def as_now(self, known: tuple[float, Fit] | None) -> Fit | None:
         """Returns an earlier fit, for times counted as the next ones are; None if there is none that overlaps."""

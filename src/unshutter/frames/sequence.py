@@ -95,6 +95,8 @@ class CameraMotion:
             elif self._focal is None and self.focal_px:
                 check_focal(self.focal_px, frame.height)
                 self._focal = self.focal_px * ROWS / frame.height
+            if shot.repeats(frame, self.lens):
+                continue
             if not shot.joins(frame, self.ratio, self.lens):
                 yield from self._ready(shot, ended=True)
                 shot = shot.next_shot()
@@ -133,7 +135,9 @@ class CameraMotion:
                 place = (shot.number, shot.scene)
                 tracks = frame.tracks if self.whole_path else None
                 known = self.turns, frame.time_s, frame.after, tracks, self._focal, self.lens
-                yield FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
+                motion = FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
+                yield motion
+                yield from [replace(motion, after=0.0, tracks=None)] * frame.copies
             shot.drop(many, self.window.behind)
 
     def _find_ratio(self, shot: Shot) -> None:

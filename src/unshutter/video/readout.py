@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
-from unshutter.frames.self_calibration import focal_from_motion, ratio_from_motion
+from unshutter.frames.self_calibration import focal_from_motion, is_copy, ratio_from_motion
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.progress import Steps
@@ -131,13 +131,19 @@ class _Run:
 def _longest_run(frames: Sequence[TrackedFrame]) -> _Run:
     """Returns the longest run of connected frames."""
     runs = [_Run()]
+    copies: list[float] = []  # times between copies of a frame
     for frame in frames[1:]:
         plane = frame.background
+        run = runs[-1]
         if frame.since is None or (plane is not None and not plane.joined):
             runs.append(_Run())
+            copies = []
+        elif frame.tracks is not None and is_copy(frame.tracks, run.pairs[-1] if run.pairs else None, len(copies)):
+            copies.append(frame.since)
         elif plane is not None:
-            runs[-1].pairs.append(plane.tracks)
-            runs[-1].starts.append(runs[-1].starts[-1] + frame.since)
+            run.pairs.append(plane.tracks)
+            run.starts.append(run.starts[-1] + frame.since + sum(copies))
+            copies = []
     return max(runs, key=lambda run: len(run.pairs))
 
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.pyav import av
+from unshutter.frames.pyav import open_to_read
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.video.readout_regression import PairMotion, Regression, Run, regression
@@ -130,7 +130,7 @@ def grey_frames(path: Path, end_s: float = np.inf) -> Iterator[tuple[float, UInt
         UnshutterError: the clip cannot be read.
     """
     try:
-        with av().open(str(path), metadata_errors="ignore") as film:
+        with open_to_read(str(path)) as film:
             stream = film.streams.video[0]
             rate = float(stream.average_rate or 30)
             for number, frame in enumerate(film.decode(stream)):
