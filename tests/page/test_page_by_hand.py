@@ -187,7 +187,8 @@ def test_ends_snap_to_segments(page: Page, photo: Path) -> None:
         page.locator("#tool-upright").click()
     segments = response.value.json()["before"]
     x1, y1, x2, y2 = max(segments, key=lambda s: abs(s[3] - s[1]) - abs(s[2] - s[0]))  # the longest upright one
-    page.wait_for_timeout(100)  # until the answer has been read
+    response.value.finished()
+    page.evaluate("() => new Promise((done) => setTimeout(done, 300))")  # on the page's clock: the answer has been read
     x, y, slope = (x1 + x2) / 2, (y1 + y2) / 2, (x2 - x1) / (y2 - y1)
     _drag(page, (x - 0.03 * slope + 0.004, y - 0.03), (x + 0.03 * slope + 0.004, y + 0.03))
     drawn = _lines(page)[0]

@@ -258,8 +258,8 @@ def test_leaving_asks_when_something_is_unsaved(page: Page, photo: Path) -> None
     drop(page, photo)
     wait_for(page)
     page.locator("#name").click()  # browsers ask only those who have touched the page
-    page.close(run_before_unload=True)
-    page.wait_for_timeout(300)
+    with page.expect_event("dialog"):
+        page.close(run_before_unload=True)
     assert asked == ["beforeunload"]
     with page.expect_download():
         page.get_by_role("button", name="Save this photo").click()
