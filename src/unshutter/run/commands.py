@@ -67,7 +67,9 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         plan.files.prepare(target for job in (*plan.to_do, *plan.finished) for target in job.outputs)
         with _workers_for(run, len(plan.to_do)) as workers:
             work = partial(do_job, request=request, given=plan.given, ahead=ahead)
-            Batch(work, workers, manifest, report, plan.files, folder).run(plan.to_do)
+            batch = Batch(work, workers, manifest, report, plan.files, folder)
+            batch.run(plan.to_do)
+        batch.remove_leftovers()
         report.save_preview()
         if folder is not None:
             report.tell_of_folder(folder)

@@ -80,6 +80,7 @@ class Batch:
     folder: Folder | None = None  # what the photos say together; None: each is judged by itself
     _stopping: bool = field(default=False, init=False)
     _running: dict[Future[Outcome], Job] = field(default_factory=dict, init=False)
+    _left_in: set[Path] = field(default_factory=set, init=False)  # folders in which workers were writing when they died
     # futures that ended, some twice; futures.wait would leave them locked if a signal came while it takes their locks
     _ended: SimpleQueue[Future[Outcome]] = field(default_factory=SimpleQueue, init=False)
 
@@ -88,6 +89,11 @@ class Batch:
         self._run(jobs)
         if self.folder is not None:
             self._run(self.folder.to_redo())
+
+    def remove_leftovers(self) -> None:
+        """Removes what workers that died left: to be called again when all have ended, as they hold files till then."""
+        for folder in self._left_in:
+            remove_leftovers(folder)
 
     def _run(self, jobs: Iterable[Job]) -> None:
         waiting = deque(jobs)
@@ -168,9 +174,8 @@ class Batch:
         """Finds out which of the jobs killed its worker, and restarts the others."""
         overdue = {future for future in crashed if self.workers.is_overdue(future)}
         self.workers.executor = self.workers.renew()
-        for folder in {job.picture.parent for job in crashed.values()}:
-            if isinstance(folder, Path):
-                remove_leftovers(folder)
+        self._left_in |= {job.picture.parent for job in crashed.values() if isinstance(job.picture, Path)}
+        self.remove_leftovers()
         if not overdue:
             self._one_by_one(crashed.values())
         for future, job in crashed.items():
