@@ -42,7 +42,8 @@ _TOO_UNSURE = 0.08
 _FAR, _FALL = 3.0, 2.0  # errors, and evidence: ratios that are farther away than so many must be less likely by so much
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
-_COPIES, _COPY_PX = 2, 0.005  # copies of a frame, at most; px: by which the tracks of a copy move, if at all
+_COPIES = 2  # copies of a frame, at most
+_COPY_PX = 0.005  # px: the tracks of a copy move by less
 # cycles per frame: faster oscillations are hidden between the frames, unless parts of the sequence agree
 _FASTEST = 0.4
 _AGREE = 0.05  # standard deviation of the ratios of parts that agree

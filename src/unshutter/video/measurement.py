@@ -135,11 +135,10 @@ def _measured(path: Path, options: MeasureClips) -> _Measured:
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
     camera, evidence = find_camera(request)
     runs = runs_in_survey(evidence)
-    tracks = next((frame.tracks for frame in evidence.frames if frame.tracks is not None), None)
-    if tracks is None:
-        raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
     direction = camera.direction or request.readout
-    px = direction.frame_size(clip.height, clip.width)[0] / tracks.height
+    px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
+    if px is None:
+        raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
     measurement = _of_camera((str(path),), clip, camera.readout, direction, regression(runs), px, camera.lens)
     return _Measured(measurement, runs, px)
 

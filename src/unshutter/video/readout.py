@@ -48,8 +48,8 @@ def wobble_in_survey(evidence: Survey, rows: int) -> float | None:
         Root mean square at the first and last rows [px of the clip].
     """
     shown = regression_in_survey(evidence)
-    tracks = next((frame.tracks for frame in evidence.frames if frame.tracks is not None), None)
-    return None if shown is None or tracks is None else shown.wobble_px * rows / tracks.height
+    px = evidence.px_of(rows)
+    return None if shown is None or px is None else shown.wobble_px * px
 
 
 def runs_in_survey(evidence: Survey) -> list[Run]:

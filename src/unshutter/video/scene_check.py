@@ -20,7 +20,8 @@ _SOURCES = ReadoutSource.FRAMES, ReadoutSource.REGRESSION, ReadoutSource.USUAL  
 _FEWEST = 30  # pairs of frames
 _MOST = 240  # pairs, the last ones of a scene
 _SURE = 3.0  # standard errors
-_ERROR, _LONGEST = 0.15, 1.1  # largest standard error of a ratio that counts, and largest ratio
+_ERROR = 0.15  # largest standard error of a ratio that counts
+_LONGEST = 1.1  # largest such ratio
 
 
 @dataclass(eq=False)

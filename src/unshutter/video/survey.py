@@ -56,6 +56,11 @@ class Survey:
         """All frames."""
         return (frame for part in self.parts for frame in part)
 
+    def px_of(self, rows: int) -> float | None:
+        """Returns how many px of the clip, of so many rows, one px of the tracked copies is; None: none was tracked."""
+        tracks = next((frame.tracks for frame in self.frames if frame.tracks is not None), None)
+        return None if tracks is None else rows / tracks.height
+
     def through(self, lens: Lens | None) -> Survey:
         """Returns the survey as seen through a lens that bends straight lines; None: it does not."""
         if lens is None:

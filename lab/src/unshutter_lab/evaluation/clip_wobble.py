@@ -90,7 +90,10 @@ class ClipWobble:
 
 
 def _runs(pairs: list[PairMotion | None], gaps: Float64[np.ndarray, "pairs"], aspect: float) -> list[Run]:
-    """Returns the runs of pairs whose motions are known; gaps are times between frames [usual frame intervals]."""
+    """Returns the runs of pairs whose motions are known; gaps are times between frames [usual frame intervals].
+
+    Pairs that hardly move count, too, unlike in ``runs_of``: without them, a camera at rest seems to wobble more.
+    """
     runs: list[Run] = []
     known: list[PairMotion] = []
     for end, pair in enumerate([*pairs, None]):
