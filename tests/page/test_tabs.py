@@ -48,6 +48,18 @@ def test_a_page_that_is_loaded_again_goes_on() -> None:
     assert lasted(quick(silent_s=30), *again) >= 0.7
 
 
+def test_a_report_that_comes_after_the_end_of_its_tab_opens_nothing() -> None:
+    assert lasted(quick(opening_s=30, silent_s=30), (0.0, "close", "one"), (0.05, "report", "one")) < 10
+
+
+def test_a_tab_that_is_shown_again_counts() -> None:
+    tabs = quick(silent_s=0.5)
+    tabs.report("one")
+    tabs.close("one")
+    tabs.report("one", again=True)
+    assert lasted(tabs) >= 0.5
+
+
 def test_a_tab_that_falls_silent_is_forgotten() -> None:
     assert 0.4 <= lasted(quick(silent_s=0.4), (0.0, "report", "one")) < 10
 

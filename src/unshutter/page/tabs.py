@@ -36,6 +36,7 @@ class Tabs:
     closed_s: float = 10.0  # a page that is loaded again was closed before
     tick_s: float = 1.0
     _left_s: dict[str, float] = field(default_factory=dict, init=False)
+    _closed: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
         self._left_s[""] = self.opening_s  # the first tab, unless it never comes
@@ -44,14 +45,22 @@ class Tabs:
         """Counts a tab as open while its browser starts."""
         self._left_s[id] = self.opening_s
 
-    def report(self, id: str) -> None:
-        """Counts a tab as open."""
+    def report(self, id: str, again: bool = False) -> None:
+        """Counts a tab as open; one that was closed only if it says that it is shown again.
+
+        A tab's last report may arrive after the news that it was closed.
+        """
+        if id in self._closed and not again:
+            return
+        self._closed.discard(id)
         self._left_s.pop("", None)
         self._left_s[id] = self.silent_s
         forget_link(self.home, id)
 
     def close(self, id: str) -> None:
         """Notes that a tab was closed, or is loading the page again."""
+        self._closed.add(id)
+        self._left_s.pop("", None)
         self._left_s[id] = self.closed_s
 
     async def wait_until_closed(self) -> None:
@@ -77,7 +86,7 @@ async def _report(request: Request, tabs: Tabs) -> Response:
     if request.query_params.get("opening") == "1":
         tabs.announce(id)
     else:
-        tabs.report(id)
+        tabs.report(id, request.query_params.get("again") == "1")
     return JSONResponse({"proof": tabs.proof})
 
 

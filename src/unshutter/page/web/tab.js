@@ -23,11 +23,11 @@ const { id, given } = takeId();
  */
 export async function stay(take, refuse) {
   addEventListener("pagehide", () => close(TABS, id));
-  const report = async () => {
-    const answer = await ask(`${TABS}/${id}`, { method: "POST" });
+  const report = async (again = "") => {
+    const answer = await ask(`${TABS}/${id}${again}`, { method: "POST" });
     await answer.text(); // a request ends with its answer
   };
-  addEventListener("pageshow", (event) => event.persisted && report().catch(() => {}));
+  addEventListener("pageshow", (event) => event.persisted && report("?again=1").catch(() => {}));
   if (given) openFiles(take, refuse).catch(() => {});
   for (;;) {
     await report().catch(() => {}); // the page says why, in other places
