@@ -13,6 +13,7 @@ import pytest
 
 from support import clips
 from support.covering import thorough
+from support.hand_held import hand
 from support.page_server import TOKEN, Asking, becomes, desk, events, served, temporary_folders
 from unshutter import errors
 from unshutter.cli import main
@@ -114,6 +115,21 @@ def test_a_clip_is_the_command_lines(
     _are_alike(_fetched(client, saving["id"], tmp_path / "saved.mkv"), tmp_path / "expected.mkv")
     client.delete(f"/api/saves/{saving['id']}")
     assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+
+
+def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) -> None:
+    """Its frames show it, so that the page and the command line both undo its motion that way."""
+    greys = [np.ascontiguousarray(np.rot90(grey, 3)) for grey in clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]]
+    film = clips.write(tmp_path / "turned.mkv", greys, "ffv1")
+    assert main(["video", str(film), "-o", str(tmp_path / "expected.mkv")]) == 0
+    id = _opened(client, film, "turned.mkv")
+    assert client.get(f"/api/clips/{id}/readout").json()["direction"] == "right-to-left"
+    after = client.get(f"/api/clips/{id}/after", params={"moment": "2"})
+    assert json.loads(after.headers["unshutter-result"])["changed"]
+    saving = _saving(client, id, options={})
+    assert list(events(client, saving["id"]))[-1]["done"][0]["rectified"] == 40
+    saved = _fetched(client, saving["id"], tmp_path / "saved.mkv")
+    assert saved.read_bytes() == (tmp_path / "expected.mkv").read_bytes()
 
 
 def test_a_clip_that_is_closed_while_it_is_saved(client: httpx.Client, long_walk: Path, tmp_path: Path) -> None:

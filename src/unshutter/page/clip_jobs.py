@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import RectifyClip
-from unshutter.orientation import Readout
 from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, kept, put, put_text
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.progress import SILENT
@@ -64,8 +63,8 @@ def after(
         undo = replace(options.undo, edges="keep") if edges == "crop" else options.undo
         warper = Warper(clip, undo)
         moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
-        size = Readout.parse(options.shutter.readout).frame_size(clip.height, clip.width)
-        motion = warper.motion(moving).resized(*size)
+        motion = warper.motion(moving)
+        motion = motion.resized(*motion.readout.frame_size(clip.height, clip.width))
         pixels = _small(warper.rectified(moving).picture, longest, moving.frame)
         result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
         if moving.found.reason is not None:
@@ -191,7 +190,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
         return MovingFrame(_frame_at(clip, time_s), Finding.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
     frames = islice(frames_of(clip, first), 2 * _AROUND + 1)
-    for moving in with_motion(replace(request, lens=camera.lens), frames, time):
+    for moving in with_motion(camera.complete(request), frames, time):
         if (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.found.to_json())
             return moving
@@ -231,7 +230,7 @@ def _pairs(
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
-    request = replace(ClipRequest.of(clip, part, progress), lens=camera.lens)
+    request = camera.complete(ClipRequest.of(clip, part, progress))
     if options.steadiness.level:
         camera, _ = find_camera(request, camera)
     declined = camera.readout.declined

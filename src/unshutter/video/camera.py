@@ -59,6 +59,10 @@ class ClipCamera:
         direction = data.get("direction") and Readout(data["direction"])
         return cls(ReadoutTime.from_json(data["readout"]), lens, direction=direction)
 
+    def complete(self, request: ClipRequest) -> ClipRequest:
+        """Returns the request of a clip of this camera: with its lens, and the direction in which it reads."""
+        return replace(request, lens=self.lens, readout=self.direction or request.readout)
+
 
 def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipCamera, Survey]:
     """Returns what the user, a clip's file and its frames tell of its camera, and the frames that were tracked for it.
@@ -66,6 +70,8 @@ def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[
     Args:
         found: what was found earlier in the same clip, except for its gyro log.
     """
+    if found is not None:
+        request = found.complete(request)
     check_focal(request.options.shutter.focal_px, request.frame_size[0])
     log = clip_gyro.log_of_clip(request)
     if request.options.steadiness.level:
@@ -140,7 +146,7 @@ def camera_from(
     if gyro is not None and gyro.turns is not None:  # the time of the middle row does not change
         alignment = replace(gyro.turns.alignment, ratio=time.ratio(interval_s).value)
         gyro = replace(gyro, turns=replace(gyro.turns, alignment=alignment))
-    return ClipCamera(time, lens, gyro)
+    return ClipCamera(time, lens, gyro, found and found.direction)
 
 
 def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, steps: Steps | None) -> ReadoutTime:

@@ -45,7 +45,7 @@ def make_plan(request: ClipRequest, found: ClipCamera | None = None) -> tuple[Cl
     if request.options.motion is not None:
         return _plan_of_file(request)
     camera, evidence = find_camera(request, found)
-    request = replace(request, lens=camera.lens, readout=camera.direction or request.readout)
+    request = camera.complete(request)
     plan = plan_from(request, camera, evidence)
     by_frames = camera.readout.declined is None
     if isinstance(plan, Leave) and by_frames and not evidence.is_whole:  # now all frames are asked
