@@ -4,7 +4,7 @@ import pytest
 
 from support.drawn_photos import textured
 from support.frame_pairs import Scene
-from unshutter.frames.flow import _plane_at_moment, bilinear, flow_between, moved, pixel_grid, plane_between
+from unshutter.frames.flow import _plane_at_moment, bilinear, flow_between, move_points, pixel_grid, plane_between
 from unshutter.frames.frame_motion import Timing
 
 WIDE = cv2.cvtColor(textured(300, 400), cv2.COLOR_RGB2GRAY)
@@ -52,7 +52,7 @@ def crop(picture, left, top):
 def test_homography_of_a_shift_even_of_a_sixth_of_the_width(across, down) -> None:
     plane = plane_between(crop(WIDE, 60, 50), crop(WIDE, 60 - across, 50 - down))
     points = np.array([[[20.0, 30.0], [250.0, 180.0]]], np.float32)
-    np.testing.assert_allclose(moved(plane, points) - points, [[[across, down], [across, down]]], atol=0.1)
+    np.testing.assert_allclose(move_points(plane, points) - points, [[[across, down], [across, down]]], atol=0.1)
 
 
 def test_homography_of_a_perspective() -> None:
@@ -60,7 +60,7 @@ def test_homography_of_a_perspective() -> None:
     first = crop(WIDE, 60, 50)
     second = cv2.warpPerspective(first, truth, (280, 200), flags=cv2.INTER_CUBIC)
     points = np.array([[[40.0, 40.0], [240.0, 160.0]]], np.float32)
-    np.testing.assert_allclose(moved(plane_between(first, second), points), moved(truth, points), atol=0.3)
+    np.testing.assert_allclose(move_points(plane_between(first, second), points), move_points(truth, points), atol=0.3)
 
 
 def test_homography_of_nothing_to_follow_is_the_identity() -> None:
@@ -72,4 +72,4 @@ def test_a_planes_velocities_at_a_moment_are_those_of_the_place() -> None:
     plane = np.array([[1.02, 0.01, 1.0], [0.0, 1.02, -2.0], [1e-4, 0.0, 1.0]])
     grid = pixel_grid(120, 160)
     velocities = _plane_at_moment(plane, Timing(1e-3, 120), 0.0, 120, 160)
-    assert np.abs(velocities - (moved(plane, grid) - grid)).max() < 0.02
+    assert np.abs(velocities - (move_points(plane, grid) - grid)).max() < 0.02

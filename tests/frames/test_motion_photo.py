@@ -161,7 +161,7 @@ def test_a_long_film_is_decoded_around_the_moment_only(tmp_path, monkeypatch, mo
         tmp_path / "a.mp4", clips.standing(1) * 60, times=[k / 3 for k in range(60)], options={"g": "10"}
     )
     monkeypatch.setattr(film_module, "_MOST_BEFORE", 25 - film_module._MOST_FRAMES)  # fewer than from the start
-    film = film_module.decoded(PhotoFilm(path.read_bytes(), moment_s))
+    film = film_module.decode_film(PhotoFilm(path.read_bytes(), moment_s))
     assert (film is None) == (not frames)
     if film is not None:
         assert np.round(film.times_s * 3).astype(int).tolist() == list(frames)

@@ -70,15 +70,15 @@ def test_what_a_note_points_to_moves_along(order: str, name: bytes, footer: bool
     ],
 )
 def test_other_notes_stay_as_they_are(note: bytes) -> None:
-    assert maker_notes.moved(note, "<", 700, 90_000) == note
-    assert maker_notes.moved(note, ">", 700, 90_000) == note
+    assert maker_notes.move_note(note, "<", 700, 90_000) == note
+    assert maker_notes.move_note(note, ">", 700, 90_000) == note
 
 
 def test_what_lies_outside_the_note_is_left_there() -> None:
     note = note_at(700, "<")
     at = 2 + 12 + 8
     struct.pack_into("<I", changed := bytearray(note), at, 12)  # the first of three
-    after = maker_notes.moved(bytes(changed), "<", 700, 90_000)
+    after = maker_notes.move_note(bytes(changed), "<", 700, 90_000)
     struct.pack_into("<I", expected := bytearray(note_at(90_000, "<")), at, 12)
     assert after == bytes(expected)
 
@@ -88,14 +88,14 @@ def test_a_note_near_the_beginning_of_exif_is_not_mistaken_for_one_that_counts_f
     place = 300
     note = note_at(place, "<")
     note += bytes(1000)  # so that the offsets lie in the note, counted from its own beginning, too
-    assert maker_notes.moved(note, "<", place, 9000) == note_at(9000, "<") + bytes(1000)
+    assert maker_notes.move_note(note, "<", place, 9000) == note_at(9000, "<") + bytes(1000)
     own = note_at(0, "<") + bytes(1000)
-    assert maker_notes.moved(own, "<", 8, 9000) == own
+    assert maker_notes.move_note(own, "<", 8, 9000) == own
 
 
 def test_an_entry_that_a_camera_left_empty_does_no_harm() -> None:
     table = struct.pack("<HHHIIHHII", 2, 7, 7, 9, 700 + 2 + 24 + 4, 0, 0, 0, 0) + bytes(4)
-    after = maker_notes.moved(table + b"some text", "<", 700, 9000)
+    after = maker_notes.move_note(table + b"some text", "<", 700, 9000)
     assert struct.unpack_from("<I", after, 10) == (9000 + 2 + 24 + 4,)
 
 

@@ -5,12 +5,12 @@ import pytest
 from unshutter.cli import main
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.single import Method, register
-from unshutter.single.register import METHODS, as_text, names
+from unshutter.single.register import METHODS, describe_methods, names
 
 
 def listed() -> list[str]:
     """Returns the rows of the table, without its head."""
-    return as_text().partition("\n\n")[0].splitlines()[1:]
+    return describe_methods().partition("\n\n")[0].splitlines()[1:]
 
 
 def test_every_estimator_is_listed_and_the_default_first():
@@ -32,7 +32,7 @@ def test_the_table_says_what_was_measured_and_what_was_not(tmp_path, monkeypatch
     ours = Method("ours", "does it", "m:C", weights=weights, scores=scores)
     monkeypatch.setattr(register, "METHODS", (ours, Method("theirs", "does, too", "m:C")))
     monkeypatch.setattr(register, "names", lambda: ["ours", "theirs"])
-    first, *rows = as_text().splitlines()
+    first, *rows = describe_methods().splitlines()
     assert first.split() == ["name", "weights", "streets"]
     assert rows[0].split() == ["ours", "1.8", "MB", "1.23", "96", "%"]
     assert rows[1].split() == ["theirs", "-", "-"]

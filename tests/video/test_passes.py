@@ -31,7 +31,7 @@ def counted(monkeypatch, tmp_path):
 
             return open_counted
 
-        def decode_counted(packet, place, decode=containers.decoded):
+        def decode_counted(packet, place, decode=containers.decode_packet):
             frames = decode(packet, place)
             decoded.extend([None] * len(frames))
             return frames
@@ -39,7 +39,7 @@ def counted(monkeypatch, tmp_path):
         with monkeypatch.context() as patch:
             for module, name in ((builtins, "open"), (io, "open"), (av, "open")):
                 patch.setattr(module, name, counting(getattr(module, name)))
-            patch.setattr(containers, "decoded", decode_counted)
+            patch.setattr(containers, "decode_packet", decode_counted)
             outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mp4"), options)
         return outcome, len(opened), len(decoded)
 

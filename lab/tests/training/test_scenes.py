@@ -6,7 +6,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
-from unshutter.single.network import moved
+from unshutter.single.network import undo_motion
 from unshutter_lab.training.motions import draw_motions
 from unshutter_lab.training.scenes import SceneConfig, draw_scenes
 
@@ -65,7 +65,7 @@ def test_shares_of_still_pictures() -> None:
 
 def test_undoing_the_true_motion_straightens_the_verticals() -> None:
     drawn = scenes(200, zero_motion=0, small_motion=0, sideways=0, clutter_max=0.0, tokens=200, drawn=500)
-    ends = moved(drawn.tokens, torch.stack([drawn.tx, drawn.rz], 1))
+    ends = undo_motion(drawn.tokens, torch.stack([drawn.tx, drawn.rz], 1))
     straightened = ends.permute(0, 2, 3, 1).flatten(2)  # x1, y1, x2, y2
     better = total = 0
     for i in range(200):

@@ -14,7 +14,7 @@ from unshutter.options import Find, Reference, option
 from unshutter.options.fields import positional
 from unshutter.page.settings import Settings
 from unshutter.progress import tell
-from unshutter.single.register import as_text, names
+from unshutter.single.register import describe_methods, names
 from unshutter.storage.locations import RunFiles
 
 SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # supported by shtab
@@ -174,7 +174,7 @@ class Models:
 
 def _models(arguments: Models) -> int:
     """Prints the list of methods."""
-    print(as_text())
+    print(describe_methods())
     return 0
 
 
@@ -195,9 +195,9 @@ def _cameras(arguments: Cameras) -> int:
     word = " ".join(arguments.word)
     known = lenses.named_lenses(word) if word else []
     if not known or cameras.named(cameras.table(), word):
-        print(cameras.as_text(cameras.listed(word)))
+        print(cameras.describe_modes(cameras.listed(word)))
     if known:
-        print("\nlenses, from corner to corner:\n" + lenses.as_text(known))
+        print("\nlenses, from corner to corner:\n" + lenses.describe_lenses(known))
     return 0
 
 

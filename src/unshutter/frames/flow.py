@@ -93,9 +93,9 @@ def inside(positions: Float32[np.ndarray, "rows cols 2"], height: int, width: in
 def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray, halvings: int) -> np.ndarray:
     height, width = source.shape
     grid = pixel_grid(height, width)
-    ends = moved(plane, grid)
+    ends = move_points(plane, grid)
     rest = _search(halvings).calc(source, bilinear(target, ends), cast(np.ndarray, None))  # None: no initial flow
-    flow = moved(plane, grid + rest) - grid
+    flow = move_points(plane, grid + rest) - grid
     outside = ~inside(ends, height, width)
     flow[outside] = (ends - grid)[outside]
     return flow
@@ -147,7 +147,7 @@ def plane_between(
     return homography
 
 
-def moved(plane: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "rows cols 2"]) -> np.ndarray:
+def move_points(plane: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "rows cols 2"]) -> np.ndarray:
     """Maps points by a homography, float32 [rows, cols, 2]."""
     ends = cv2.perspectiveTransform(points.reshape(1, -1, 2).astype(np.float64), plane)
     return ends.reshape(points.shape).astype(np.float32)
@@ -309,9 +309,9 @@ def _plane_at_moment(plane: np.ndarray, timing: Timing, moment: float, height: i
     nodes = pixel_grid(-(-height // _NODES) + 1, -(-width // _NODES) + 1) * np.float32(_NODES)
     position = nodes
     for _ in range(_ROUNDS):
-        velocity = _velocity(moved(plane, position) - position, timing, +1)
+        velocity = _velocity(move_points(plane, position) - position, timing, +1)
         position = nodes + velocity * (timing.exposed(0, position[..., 1:]) - moment).astype(np.float32)
-    velocity = _velocity(moved(plane, position) - position, timing, +1)
+    velocity = _velocity(move_points(plane, position) - position, timing, +1)
     return bilinear(velocity.astype(np.float32), pixel_grid(height, width) / np.float32(_NODES))
 
 

@@ -49,7 +49,7 @@ class Film:
     moment_s: float | None = None  # time of the photo on the film's clock [s]; None if unknown
 
 
-def decoded(film: PhotoFilm) -> Film | None:
+def decode_film(film: PhotoFilm) -> Film | None:
     """Decodes the frames of a film; returns None if it is unreadable, belongs to another photo, or PyAV is missing."""
     try:
         av_error = pyav.av().error.FFmpegError
@@ -126,7 +126,7 @@ class FilmEvidence:
 def film_motion(view: View) -> FilmEvidence | None:
     """Returns the evidence of a photo's film about its motion, or None if the photo has no readable film."""
     place = view.photo.film()
-    film = None if place is None else decoded(place)
+    film = None if place is None else decode_film(place)
     if film is None:
         return None
     try:

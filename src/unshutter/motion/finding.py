@@ -191,7 +191,7 @@ class Finding:
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Finding:
         """Reads a motion file, as :meth:`Motion.load` does."""
-        return motion_file.load(path, Finding.from_json)
+        return motion_file.read_file(path, Finding.from_json)
 
 
 # sources by the names in motion files; all others are methods that see the photo

@@ -301,7 +301,7 @@ class Motion(ABC):
             MissingFileError: there is no such file.
             UnshutterError: the file cannot be read or is not a motion.
         """
-        return motion_file.load(path, Motion.from_json)
+        return motion_file.read_file(path, Motion.from_json)
 
 
 def _same(one: object, other: object) -> bool:

@@ -155,7 +155,7 @@ def reading() -> Iterator[None]:
 _Contents = TypeVar("_Contents")
 
 
-def load(path: str | os.PathLike[str], parse: Callable[[str], _Contents]) -> _Contents:
+def read_file(path: str | os.PathLike[str], parse: Callable[[str], _Contents]) -> _Contents:
     """Reads a motion file; its errors are those of :meth:`Motion.load`."""
     try:
         text = read_text(Path(path))

@@ -64,7 +64,7 @@ def in_place(written: bytes, at: int, directory: tiff.Directory, tree: tiff.Tree
     start = written.find(note.data) if note is not None and tree.note_at is not None else -1
     if start < 0 or tree.note_at is None or note is None:
         return written
-    follows = moved(note.data, tree.order, tree.note_at, at + start)
+    follows = move_note(note.data, tree.order, tree.note_at, at + start)
     return written[:start] + follows + written[start + len(follows) :]
 
 
@@ -85,7 +85,7 @@ def _note_of(directory: tiff.Directory) -> tiff.Entry | None:
     return note if isinstance(note, tiff.Entry) else None
 
 
-def moved(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
+def move_note(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
     """Adapts the note's offsets, relative to the start of EXIF in that byte order, to its new position.
 
     Returns the note unchanged if its offsets are relative to the note, or unreadable.

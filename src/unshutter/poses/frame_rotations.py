@@ -18,7 +18,7 @@ from unshutter.motion.shapes import Float64
 from unshutter.orientation import Readout
 from unshutter.reasons import Reason
 from unshutter.run.inputs import motion_name
-from unshutter.video import motion_file as clip_motion_file
+from unshutter.video.motion_file import load_clip_motion
 
 _NUMBER = re.compile(r"(\d+)\D*$")
 _LONGEST_S = 1.0  # between pictures from whose poses a speed is taken
@@ -68,7 +68,7 @@ class ClipRotations(FrameRotations):
 
     def __init__(self, file: Path):
         self._file = file
-        self._clip = clip_motion_file.load(file)
+        self._clip = load_clip_motion(file)
         times = self._clip.times_s
         interval_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         self.readout_s = self._clip.ratio * interval_s

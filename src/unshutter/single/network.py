@@ -28,7 +28,7 @@ _OCTAVES = 4  # of the sine waves that encode a position
 _SHARPNESS = (6.0, 25.0)  # of the two scales that encode a segment's deviation from vertical and from horizontal
 
 
-def moved(tokens: Float[Array, "batch segments 6"], motion: Float[Array, "batch 2 3"]) -> Array:
+def undo_motion(tokens: Float[Array, "batch segments 6"], motion: Float[Array, "batch 2 3"]) -> Array:
     """Returns the end points as a global shutter would have seen them, given the motion (Eq. 1).
 
     Args:
@@ -148,7 +148,7 @@ class SegmentNetwork:
     def _correction(self, tokens: np.ndarray, motion: np.ndarray) -> np.ndarray:
         """Returns the correction to the motion [2, 3], with the same shape."""
         batch = tokens[None]
-        x = features(batch, moved(batch, motion[None]))[0]  # [N, FEATURES]
+        x = features(batch, undo_motion(batch, motion[None]))[0]  # [N, FEATURES]
         x = self._linear("embedding.output", gelu(self._linear("embedding.hidden", x)))  # [N, d]
         for k in range(len(self._weights["blocks.attention.query.weight"])):
             y = self._norm("blocks.attention.norm", x, k)

@@ -172,7 +172,7 @@ it rarely bends a photo that was right; methods that change every photo do (docs
 """.splitlines()
 
 
-def as_text() -> str:
+def describe_methods() -> str:
     """Lists all methods that can be used without further files, the default first, and explains the figures."""
     known = [method(name) for name in sorted(names(), key=lambda name: name != DEFAULT_ESTIMATOR)]
     by_file = {each.scores: json.loads(each.scores.read_text(encoding="utf-8")) for each in known if each.scores}

@@ -68,7 +68,8 @@ def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[
     """Returns what the user, a clip's file and its frames tell of its camera, and the frames that were tracked for it.
 
     Args:
-        found: what was found earlier in the same clip, except for its gyro log.
+        found: what was found earlier in the same clip, except for its gyro log. The same frames are tracked with it as
+            without it, so that the clip's plan and the log's alignment are the same, too.
     """
     if found is not None:
         request = found.complete(request)
@@ -82,8 +83,9 @@ def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[
         evidence = survey(request, _spread(request, [lenses.PART + 1])[:1])
         evidence = survey(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
     else:
-        rounds = 2 if what == SEARCH else 1  # tracking takes half of the time of a search
-        steps = Steps(what, rounds * _frames_in(request, parts_s), request.observer.note_progress)
+        goal = GAIN if what == SEARCH and found is not None else what
+        rounds = 2 if goal == SEARCH else 1  # tracking takes half of the time of a search
+        steps = Steps(goal, rounds * _frames_in(request, parts_s), request.observer.note_progress)
         evidence = (_survey_until_sure if what == SEARCH else survey)(request, parts_s, steps)
     direction = _other_direction(request, evidence) if found is None else None
     if direction is not None:
@@ -240,7 +242,7 @@ def parts_to_survey(
     shutter = request.options.shutter
     interval_s = request.clip.interval_s
     stated = shutter.readout_time(interval_s)
-    if stated is None and found is None:
+    if stated is None:
         listed = None if request.clip.camera.is_stabilised else _listed_time(request)
         if listed is None or listed.plausible_s is not None:
             return _spread(request, [readout.PART + 1] * readout.MOST_PARTS), SEARCH

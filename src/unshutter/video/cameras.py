@@ -263,7 +263,7 @@ def _near_names(word: str) -> list[str]:
     return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, _MOST_NEAR, 0.7)))
 
 
-def as_text(modes: Iterable[CameraMode]) -> str:
+def describe_modes(modes: Iterable[CameraMode]) -> str:
     """Formats the modes, one per line."""
     rows = [(mode.name, mode.mode, mode.time, ", ".join(mode.notes)) for mode in modes]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

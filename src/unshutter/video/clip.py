@@ -238,7 +238,7 @@ class _Beginning:
             begun.times.add(packet)
             first_dts = packet.dts if first_dts is None else first_dts
             if not has_frame:
-                for frame in containers.decoded(packet, file.path)[:1]:
+                for frame in containers.decode_packet(packet, file.path)[:1]:
                     has_frame, begun.side_data = True, pyav.side_data(frame)
                     begun.delay = 0 if frame.dts is None or first_dts is None else frame.dts - first_dts
                     if frame.interlaced_frame:

@@ -105,7 +105,7 @@ def _unreadable(place: str, cause: str | None) -> UnshutterError:
     return UnshutterError(f"cannot read {{clip}}: {cause}", clip=place)
 
 
-def decoded(packet: Packet, place: str) -> list[VideoFrame]:
+def decode_packet(packet: Packet, place: str) -> list[VideoFrame]:
     """Returns the frames that a packet completes; raises UnshutterError if it is damaged."""
     try:
         return packet.decode()

@@ -45,7 +45,7 @@ def decode(
             if others is not None and packet.dts is not None and _is_within(containers.time_of(packet), start, end):
                 others.append(packet)
             continue
-        for frame in containers.decoded(packet, file.path):
+        for frame in containers.decode_packet(packet, file.path):
             times.set(frame)
             if _is_within(frame.time, start, end):
                 yield _checked(frame, clip)

@@ -421,7 +421,7 @@ def named_lenses(name: str) -> list[LensProfile]:
     return cameras.named(table(), name)
 
 
-def as_text(lenses: Sequence[LensProfile]) -> str:
+def describe_lenses(lenses: Sequence[LensProfile]) -> str:
     """Formats lenses, one per line."""
     rows = [(each.name, f"{each.width}x{each.height} px", f"{each.degrees:.0f} degrees") for each in lenses]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -96,7 +96,7 @@ class MotionWriter:
         self._stream.write("\n]}\n")
 
 
-def load(path: Path) -> ClipMotion:
+def load_clip_motion(path: Path) -> ClipMotion:
     """Reads a motion file.
 
     Raises:

@@ -11,7 +11,7 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.gain import gain_of_clip, is_tested
-from unshutter.video.motion_file import ClipMotion, load
+from unshutter.video.motion_file import ClipMotion, load_clip_motion
 from unshutter.video.readout import too_little_to_see
 from unshutter.video.survey import Survey, survey
 
@@ -84,7 +84,7 @@ def _plan_of_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
     """Returns the plan by a motion file, which tells readout time and direction, and the lens."""
     clip = request.clip
     assert request.options.motion is not None
-    motion = load(request.options.motion)
+    motion = load_clip_motion(request.options.motion)
     if (motion.height, motion.width) != (clip.height, clip.width):
         raise UnshutterError(
             f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "

@@ -19,7 +19,7 @@ from torch.nn import functional as F
 
 from unshutter.errors import UsageError
 from unshutter.motion import geometry
-from unshutter.single.network import FEATURES, Weights, features, moved, read_weights, write_weights
+from unshutter.single.network import FEATURES, Weights, features, read_weights, undo_motion, write_weights
 from unshutter_lab.training.config import TrainConfig, from_table
 from unshutter_lab.training.motions import cubic_motion
 from unshutter_lab.training.recipes import Recipe, validation_figures
@@ -76,7 +76,7 @@ class SegmentTransformer(nn.Module):
 
     def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
         """Returns the correction to ``motion`` [B, 2, 3], and the camera [B, 3]."""
-        x = self.embed(features(tokens, moved(tokens, motion)))
+        x = self.embed(features(tokens, undo_motion(tokens, motion)))
         bias = torch.zeros_like(mask, dtype=x.dtype).masked_fill(~mask, -1e4)[:, None, None]  # [B, 1, 1, N]
         for block in self.blocks:
             x = block(x, bias)

@@ -66,6 +66,7 @@ class Jpeg(WrittenFormat):
     deep = False
     grey = True
     alpha = False
+    usual_quality = 95
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "film"})
 
     def read_header(self, source: Source) -> Header:
@@ -79,11 +80,11 @@ class Jpeg(WrittenFormat):
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. libjpeg only warns of damaged data."""
         try:
-            return picture_format.decoded(self, source, "warning", shrink=shrink)
+            return picture_format.decode_pixels(self, source, "warning", shrink=shrink)
         except UnshutterError as error:
             if not _HARMLESS.search(getattr(error.__cause__, "detail", "")):
                 raise
-            return picture_format.decoded(self, source, shrink=shrink)
+            return picture_format.decode_pixels(self, source, shrink=shrink)
 
     def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
         """See Format."""
@@ -97,7 +98,10 @@ class Jpeg(WrittenFormat):
         coding = picture.coding
         packet = None if _is_too_long(metadata.xmp) else metadata.xmp
         written = replace(picture, metadata=replace(metadata, exif=None, xmp=packet))
-        options = {"Q": picture.quality or coding.quality or 95, "subsample_mode": "on" if coding.subsampled else "off"}
+        options = {
+            "Q": picture.quality or coding.quality or self.usual_quality,
+            "subsample_mode": "on" if coding.subsampled else "off",
+        }
         return picture_format.encode(written, "jpegsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:

@@ -190,6 +190,7 @@ class WrittenFormat(Format):
     grey: ClassVar[bool]  # whether it supports pictures with one channel
     alpha: ClassVar[bool]  # whether it supports transparency
     masks: ClassVar[bool] = False  # whether it supports an extra channel that is not transparency
+    usual_quality: ClassVar[int | None] = None  # 1-100, where neither the user nor the original states one
     holds: ClassVar[frozenset[str]]  # attributes of ``Metadata`` that its files can hold
 
     def exif_blocks(self, file: BinaryIO) -> Iterable[ExifBlock]:
@@ -198,7 +199,7 @@ class WrittenFormat(Format):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return decoded(self, source)
+        return decode_pixels(self, source)
 
     def hidden_markers(self, file: BinaryIO) -> list[int]:
         """Returns the positions of markers to hide from libvips: those of EXIF whose directories contain loops."""
@@ -304,7 +305,7 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
         raise UnshutterError(f"{{photo}} has {image.bands} channels: convert it to grey or RGB first", photo=source)
 
 
-def decoded(format: WrittenFormat, source: Source, fail_on: str = "error", **options: object) -> np.ndarray:
+def decode_pixels(format: WrittenFormat, source: Source, fail_on: str = "error", **options: object) -> np.ndarray:
     """Decodes the pixels [H, W, bands]."""
     with refusing("{photo} is damaged or incomplete", photo=source):
         return computed(readable(format, source).load(format.loader, access="sequential", fail_on=fail_on, **options))

@@ -86,7 +86,7 @@ class Tiff(WrittenFormat):
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. Damaged JPEG data cause only a warning; most other warnings are harmless."""
         fail_on = "warning" if header.coding.compression == _JPEG else "error"
-        return picture_format.decoded(self, source, fail_on)
+        return picture_format.decode_pixels(self, source, fail_on)
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""

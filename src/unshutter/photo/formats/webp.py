@@ -34,6 +34,7 @@ class Webp(WrittenFormat):
     deep = False
     grey = False
     alpha = True
+    usual_quality = 90
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:
@@ -55,7 +56,7 @@ class Webp(WrittenFormat):
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
         lossless = picture.coding.lossless and picture.quality is None
-        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or 90}
+        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or self.usual_quality}
         return picture_format.encode(picture, "webpsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
