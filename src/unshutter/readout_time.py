@@ -64,9 +64,8 @@ class ReadoutTime:
     plausible_s: tuple[float, float] | None = None  # least and greatest plausible time [s]; None if the time is known
     instead_of: Reason | None = None  # why a clip does not reveal its own time, if a usual one was used
     declined: Reason | None = None  # why a clip's frames must not be straightened with it; None if they may
-    shown_s: float | None = (
-        None  # what the clip's frames show for certain, if that differs; below 0: from the bottom [s]
-    )
+    # what the clip's frames show for certain, if that differs; below 0: from the bottom [s]
+    shown_s: float | None = None
 
     @classmethod
     def of_ms(

@@ -248,6 +248,15 @@ def test_the_camera_of_a_clip_is_searched_in_the_table(page: Page, walk: Path) -
         page.get_by_label("Camera (type to search)").press("Enter")
 
 
+def test_a_clip_that_was_read_another_way_is_searched_again(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    wait_for(page, "done")
+    page.locator("#clip-panel").get_by_text("Advanced").click()
+    with page.expect_response("**/readout?*readout=bottom-to-top*", timeout=FOUND_MS):
+        page.locator("#clip-option-readout").select_option("bottom-to-top")
+
+
 def test_the_field_for_the_readout_time_shows_where_it_is_asked_for(page: Page, walk: Path) -> None:
     """A clip whose readout time cannot be found asks for it, once, with the field open."""
     refusal = {

@@ -28,6 +28,7 @@ from unshutter.frames.parallax import DEPTH
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
+from unshutter.options import USUAL_FOCAL
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, Reason
 
@@ -49,8 +50,8 @@ _FASTEST = 0.4
 _AGREE = 0.05  # standard deviation of the ratios of parts that agree
 _EVEN_PX = 0.1  # px of ROWS rows per frame: a speed that varies by less is even
 _FEW = 10  # fewer pairs of frames rarely reveal the ratio, and never why not
-_USUAL_FOCAL, _FOCAL_SPREAD = 0.85, 0.4  # prior: share of width + height, and standard deviation of its logarithm
-_TRIED_FOCALS = _USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest act like translations
+_FOCAL_SPREAD = 0.4  # prior: standard deviation of the focal length's logarithm
+_TRIED_FOCALS = USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest act like translations
 _FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
 _FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
@@ -191,7 +192,7 @@ def fewer(pair: Tracks, most: int = _MOST_TRACKS) -> Tracks:
 
 def usual_focal(pair: Tracks) -> float:
     """Returns the focal length to expect for a picture [px of ROWS rows]."""
-    return _USUAL_FOCAL * (pair.width + pair.height) * ROWS / pair.height
+    return USUAL_FOCAL * (pair.width + pair.height) * ROWS / pair.height
 
 
 def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
@@ -200,12 +201,12 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
     The prior decides if the camera rotated too little. Cameras that translate rather than rotate yield a very long
     focal length, which describes them best.
     """
-    unit = usual_focal(pairs[0]) / _USUAL_FOCAL
-    near = Problem(pairs, _USUAL_FOCAL * unit).fit(ratio)
+    unit = usual_focal(pairs[0]) / USUAL_FOCAL
+    near = Problem(pairs, USUAL_FOCAL * unit).fit(ratio)
 
     def height(share: float) -> float:
         fit = Problem(pairs, float(share * unit)).fit(ratio, near.stiffness, near)
-        return fit.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / _USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
+        return fit.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
 
     best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
     near = Problem(pairs, float(np.exp(best) * unit)).fit(ratio, near=near)  # the best stiffness may differ there

@@ -16,6 +16,7 @@ from unshutter.options.photo_options import (
     MOST_ROLL_DEG,
     MOST_STRENGTH,
     MOST_TILT_DEG,
+    USUAL_FOCAL,
     Camera,
     Clock,
     Edges,

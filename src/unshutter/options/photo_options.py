@@ -27,6 +27,7 @@ def check_focal(focal_px: float | None, rows: int = 64) -> None:
         raise UsageError(f"{{--focal-px}} must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
 
 
+USUAL_FOCAL = 0.85  # focal length to expect, as a share of width + height
 Moving = Literal["yes", "left", "right", "up", "down"]
 
 
@@ -42,7 +43,7 @@ class Camera:
     )
     focal_px: float | None = option(
         None,
-        "Focal length in px, for methods that use it. Default: from EXIF, otherwise 0.85 (width + height).",
+        f"Focal length in px, for methods that use it. Default: from EXIF, otherwise {USUAL_FOCAL} (width + height).",
     )
     roll_deg: float | None = option(
         None,

@@ -13,7 +13,7 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.motion.upright import Angle, Pose
-from unshutter.options import Camera, Odds
+from unshutter.options import USUAL_FOCAL, Camera, Odds
 from unshutter.orientation import Readout, scene_up
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
@@ -73,7 +73,7 @@ class View:
 
     def focal_px(self) -> float:
         """Returns the focal length [px of the full-size picture], if unknown guessed as 0.85 (width + height)."""
-        return self.known_focal_px() or self.guessed_focal_px or 0.85 * (self.width + self.height)
+        return self.known_focal_px() or self.guessed_focal_px or USUAL_FOCAL * (self.width + self.height)
 
     def known_focal_px(self) -> float | None:
         """Returns the focal length [px of the full-size picture] as stated, or else EXIF's, or else None."""

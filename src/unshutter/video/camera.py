@@ -32,7 +32,6 @@ from unshutter.video.survey import Survey, survey
 
 _LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
 _UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
-_WOULD_SHOW = 0.15  # error of a ratio that tells whether another one is possible
 _SKIPPED, _AT_FIRST = 3, 4  # every third part of a clip is surveyed first, if these are as many as four
 
 _Parts = Sequence[tuple[float | None, float | None]]
@@ -194,7 +193,7 @@ def _why_left(evidence: Survey, shown: Regression | None, unknown: Reason) -> Re
 
 def _check_agreement(found: ReadoutRatio, shown: Regression | None) -> None:
     """Raises UnknownRatioError if a regression that could show such a ratio shows another one."""
-    if shown is None or shown.error > _WOULD_SHOW:
+    if shown is None or not shown.would_show:
         return
     if abs(found.value - shown.rows.ratio) > _FAR * float(np.hypot(found.error, shown.error)):
         ratios = f"{found.value:.2f}, {shown.rows.ratio:.2f}"

@@ -24,7 +24,7 @@ from unshutter.photo.photo import check_size
 from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
+from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, undone_part, warp_plane
 from unshutter.video.frame_warper import COPY_SIDE, FEWEST, small_finding, window_for
 from unshutter.video.lenses import lens_in_greys
 from unshutter.video.outcome import ClipOutcome
@@ -259,7 +259,7 @@ def _check(frame: np.ndarray, first: np.ndarray) -> None:
 def _undone(
     frame: np.ndarray, motion: Motion, undo: ClipUndo, scratch: Scratch, view: SteadyView | None = None
 ) -> np.ndarray:
-    motion = motion.rereferenced(undo.reference).scaled(undo.strength)
+    motion = undone_part(motion, undo)
     if motion.is_zero and view is None:
         return frame
     pixels = np.ascontiguousarray(frame)

@@ -15,6 +15,8 @@ import numpy as np
 
 from unshutter.errors import UsageError
 from unshutter.frames.camera import ROWS, track_jacobian
+from unshutter.frames.self_calibration import usual_focal
+from unshutter.frames.tracks import GUESSED_RATIO
 from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
@@ -208,9 +210,7 @@ def _pairs(evidence: Survey) -> Iterator[Pair]:
 # ---- the log's alignment with the clip -------------------------------------------------------------------------
 
 _HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
-_USUAL = 0.85  # expected focal length, as a multiple of width + height
 _FOCALS = (0.25, 6.0)  # shortest and longest, as multiples of the usual one
-_GUESSED_RATIO = 0.5
 _LAG_S, _LONG_LAG_S, _MANY_LAGS = 0.004, 0.008, 20_000  # spacing of the offsets to try; the spacing if there are many
 _LAGS_AT_ONCE, _FINER = 1 << 14, 4  # offsets; a log is sampled at this fraction of their spacing
 _MARGIN_S = 2.0  # at both ends of the part of a log that is adjusted
@@ -271,10 +271,10 @@ def synchronised(
         focal_px: focal length [px of ROWS rows], if it is known.
     """
     tracks = pairs[0].tracks
-    usual = focal_px or _USUAL * (tracks.width + tracks.height) * ROWS / tracks.height
+    usual = focal_px or usual_focal(tracks)
     lag = _LAG_S if sum(last - first for first, last in offsets_s) < _LAG_S * _MANY_LAGS else _LONG_LAG_S
     at = float(np.mean([pair.begin_s for pair in pairs]))
-    begun = _GUESSED_RATIO if ratio is None else ratio
+    begun = GUESSED_RATIO if ratio is None else ratio
     starts = [
         Alignment(
             axes=axes,

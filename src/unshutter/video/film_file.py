@@ -42,7 +42,7 @@ _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
 _CLOCKS = ("mpegts", "mpeg")  # formats whose times begin anywhere
-_USUAL = (".mp4", ".mov", ".mkv")  # file endings that are offered instead of another
+_USUAL = (".mp4", ".mov", ".mkv")  # file endings of previews, which are offered instead of another, too
 _MP4 = (".mp4", ".mov", ".m4v", ".lrv")
 
 
@@ -191,7 +191,7 @@ class FilmWriter:
 def check_endings(film: Path, preview: Path | None) -> None:
     """Raises UnshutterError if a film cannot have its name, or a preview is neither a picture nor a film."""
     check_ending(film.suffix)
-    if preview is not None and preview.suffix.lower() not in (*_FILMS, *_PREVIEWS):
+    if preview is not None and preview.suffix.lower() not in (*_USUAL, *_PREVIEWS):
         raise UsageError(f"a preview is a picture (.jpg, .png) or a film (.mp4), not {preview.name}")
 
 
@@ -336,7 +336,6 @@ _REGENERATED = {"encoder", "major_brand", "minor_version", "compatible_brands"}
 _MOMENTS = 5
 _WIDTH = 640  # px, of each half
 _LONGEST_S = 10.0
-_FILMS = (".mp4", ".mov", ".mkv")
 _PREVIEWS = (".jpg", ".jpeg", ".png")
 
 
@@ -351,7 +350,7 @@ def write_preview(
     """
     both = zip(frames_of(before, start_s or None), frames_of(look(after)), strict=False)
     pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
-    if path.suffix.lower() not in _FILMS:
+    if path.suffix.lower() not in _USUAL:
         moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
         rows = [pair for k, pair in enumerate(pairs) if k in moments]
         Photo.from_array(np.concatenate(rows), software=PREVIEW).save(path, quality=90, overwrite=overwrite)

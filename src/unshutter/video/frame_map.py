@@ -24,6 +24,7 @@ from unshutter.motion.grid import gs_to_rs_map
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotate_position, rotation_matrix
 from unshutter.motion.shapes import Bool, Float32, Float64, UInt
+from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
 
 _PLACES = 9  # positions along each side at which the frame's border is stored
@@ -31,6 +32,11 @@ _POINTS = 5  # points on each side of a view that are checked, corners included
 _HALVINGS = 24
 _LARGEST_ZOOM = 4.0
 LEFT, RIGHT, TOP, BOTTOM = range(4)
+
+
+def undone_part(motion: Motion, undo: ClipUndo) -> Motion:
+    """Returns the part of a frame's motion that is undone, at the reference row."""
+    return motion.rereferenced(undo.reference).scaled(undo.strength)
 
 
 def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:

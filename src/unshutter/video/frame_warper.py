@@ -32,7 +32,7 @@ from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
 from unshutter.video.clip import COLOURS, ClipFacts, ClipRequest
-from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, warp_plane
+from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, undone_part, warp_plane
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.scene_check import SceneCheck
 
@@ -323,7 +323,7 @@ class Warper:
 
     def motion(self, moving: MovingFrame) -> Motion:
         """Returns the part of a frame's motion that is undone, at the reference row."""
-        return moving.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
+        return undone_part(moving.motion, self.undo)
 
     def __call__(self, frame: MovingFrame | LinkedFrame) -> NewFrame:
         """Returns the frame to encode."""

@@ -3,6 +3,11 @@
 A global shutter's tracks between two frames follow the camera's rotation and a change of scale; what is left is wobble.
 Undoing the motion moves both ends of each track. If it moved as estimated, less is left. If it moved evenly, all frames
 are sheared alike, which no two of them show.
+
+That alone falls with any readout time, even with one of the wrong sign, since a path can imitate any motion that
+depends on the row. Two things cannot be imitated. A frame leans by half the readout ratio times the camera's speed. And
+what is skewed and stretched from frame to frame, apart from what depth adds, is the wobble that people see: its largest
+steps must not grow, and none may appear where there were none.
 """
 
 from __future__ import annotations
@@ -23,10 +28,10 @@ from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.frame_steps import FOLLOWS, FrameSteps
+from unshutter.video.frame_map import undone_part
 from unshutter.video.frame_warper import camera_motion, small_finding
 from unshutter.video.gyro_fit import GyroTurns
-from unshutter.video.readout_regression import PairMotion
+from unshutter.video.readout_regression import PairMotion, fit_robustly
 from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
 
 _KEPT_OUT = 4  # every fourth track
@@ -41,6 +46,87 @@ _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it:
 _PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
 _SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
 _ROUNDS = 4  # of reweighting
+_FEWEST_STEPS = 15  # pairs of frames, below which their steps say nothing
+_MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
+_FOLLOWS = 0.5  # least correlation of the lean with the speed
+_MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
+_LARGE = 95  # percentile of the steps
+
+
+@dataclass(frozen=True)
+class StepSizes:
+    """How much frames are skewed and stretched against the previous ones, apart from what depth adds [px]."""
+
+    rms: float  # root mean square, at the top and bottom rows
+    usual: float  # 95th percentile
+    largest: float
+
+    @classmethod
+    def of(cls, shapes: Float64[np.ndarray, "pairs 2"], speeds: Float64[np.ndarray, "pairs 2"]) -> StepSizes:
+        """Returns the sizes for skew and stretch of each pair of frames, and the picture's speed."""
+        own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
+        left = np.stack([fit_robustly(shape, own)[2] for shape in shapes.T], axis=1)
+        sizes = np.hypot(*left.T)
+        return cls(float(np.sqrt(2 * np.mean(left**2))), float(np.percentile(sizes, _LARGE)), float(sizes.max()))
+
+    def is_worse_than(self, other: StepSizes, slack: float) -> bool:
+        """Whether large steps are larger than others, by more than a tenth and some slack [px].
+
+        Where the others are twice as large in general, a single step may be somewhat larger.
+        """
+        once = _MAY_GROW_ONCE if self.usual < other.usual / 2 else _MAY_GROW
+        grows = self.usual > _MAY_GROW * other.usual + slack or self.largest > once * other.largest + slack
+        return grows or self.rms > max(other.rms, slack)
+
+
+@dataclass(eq=False)
+class FrameSteps:
+    """Frames in order, as they were and as they are when their motion is undone."""
+
+    rows: int = 1080  # of the copies in which tracks were found; pixels are theirs
+    _pairs: list[tuple[PairMotion, PairMotion] | None] = field(default_factory=list)  # before and after
+    _leans: list[Float64[np.ndarray, "2"]] = field(default_factory=list)
+
+    def add(self, before: PairMotion | None, after: PairMotion | None, lean: Float64[np.ndarray, "2"]) -> None:
+        """Adds a frame.
+
+        Args:
+            before: motion of the picture since the previous frame; None if it is unknown, or there is none.
+            after: the same, with the motion undone.
+            lean: displacement of the frame's last row against its middle (across, down) that is undone [heights of
+                the frame].
+        """
+        self._pairs.append(None if before is None or after is None else (before, after))
+        self._leans.append(lean)
+
+    @property
+    def sizes(self) -> tuple[StepSizes, StepSizes] | None:
+        """Sizes of the steps before and after; None if there are too few."""
+        known = [pair for pair in self._pairs if pair is not None]
+        if len(known) < _FEWEST_STEPS:
+            return None
+        speeds = np.array([before.shift for before, _ in known])
+        before, after = (StepSizes.of(np.array([pair[k].shape for pair in known]), speeds) for k in range(2))
+        return before, after
+
+    @property
+    def follow(self) -> float:
+        """Correlation of the frames' lean with the picture's speed, about their means' size; NaN if nothing moved."""
+        leans = []
+        speeds = []
+        for k in range(len(self._pairs) - 1):
+            here = self._pairs[k]
+            following = self._pairs[k + 1]
+            if here is not None and following is not None:
+                leans.append(self._leans[k])
+                speeds.append((here[0].shift + following[0].shift) / 2)
+        if len(leans) < _FEWEST_STEPS:
+            return np.nan
+        lean = np.array(leans)
+        speed = np.array(speeds)
+        size = float(np.sqrt((lean**2).sum() * (speed**2).sum()))
+        moves = float(np.sqrt((speed**2).sum(axis=1).mean())) > _MOVES_PX * self.rows / 1080
+        return float((lean * speed).sum()) / size if size > 0 and moves else np.nan
 
 
 @dataclass(eq=False)
@@ -78,7 +164,7 @@ class Gain:
             return self.reasons.most_common(1)[0][0] if self.reasons else None
         if 2 * len(self.displaced_px) >= self.frames and not is_visible(self.displaced_px):
             return Reason(Code.NO_VISIBLE_DISTORTION)
-        if self.steps.follow < FOLLOWS:
+        if self.steps.follow < _FOLLOWS:
             return Reason.of(Code.LEANS_OTHERWISE, correlation=round(self.steps.follow, 2))
         sizes = self.steps.sizes
         if sizes is not None and sizes[1].is_worse_than(sizes[0], _SLACK_PX * self.steps.rows / TALL):
@@ -107,23 +193,19 @@ class Gain:
             self.steps.add(None, None, now.lean)
             return
         was = _Undone.of(before, undo)
-        self._add_step(was, now, motion.tracks)
-        tracks = motion.tracks.split(_KEPT_OUT)[1]
+        tracks = motion.tracks
+        undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
+        self.steps.rows = min(tracks.height, tracks.width)
+        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean)
+        tracks, undone = (each.split(_KEPT_OUT)[1] for each in (tracks, undone))
         if len(tracks) < _FEWEST or (now.reason and was.reason):
             return
         focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
-        undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
         self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
         self.wobble_px.append((wobble(tracks, focal), wobble(undone, focal)))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
         self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
-
-    def _add_step(self, was: _Undone, now: _Undone, tracks: Tracks) -> None:
-        """Adds a frame to those whose steps are compared."""
-        undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
-        self.steps.rows = min(tracks.height, tracks.width)
-        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean)
 
 
 def wobble(tracks: Tracks, focal_px: float) -> float:
@@ -186,7 +268,7 @@ class _Undone:
         found = small_finding(motion)
         size = (motion.height, motion.width)
         small = found.motion
-        undone = small.rereferenced(undo.reference).scaled(undo.strength)
+        undone = undone_part(small, undo)
         ends = small.width - 1, small.height - 1
         col, row = (each.ravel() for each in np.meshgrid(*(np.linspace(0, end, 5) for end in ends)))
         seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)

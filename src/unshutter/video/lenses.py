@@ -28,6 +28,7 @@ from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
+from unshutter.options import USUAL_FOCAL
 from unshutter.storage.files import read_text
 from unshutter.video import cameras
 from unshutter.video.clip import ClipRequest
@@ -132,8 +133,8 @@ _FEWEST = 10  # pairs of frames
 _LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
 _LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
 _BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is described, in distances of the corner
-_FOCALS = tuple(0.85 * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
-_USUAL, _SPREAD = 0.85, 1.0  # prior: share of width + height, and standard deviation of its logarithm
+_FOCALS = tuple(USUAL_FOCAL * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
+_SPREAD = 1.0  # prior: standard deviation of the focal length's logarithm
 # roughly, and then exactly: first step of both unknowns and rounds of Newton's method; rounds of the tracks' weights
 _ROUGH = (0.1, 3)
 _EXACT = (0.05, 8)
@@ -207,7 +208,7 @@ def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
     """
     few = [fewer(pair, _ROUGHLY) for pair in pairs]
     turning = _Turning.of(few, _ROUGH_WEIGHINGS)
-    focals = turning.usual + np.log(_FOCALS) - np.log(_USUAL)
+    focals = turning.usual + np.log(_FOCALS) - np.log(USUAL_FOCAL)
     straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_ROUGH)
     bent, _ = turning.highest([np.array([bend, focal]) for bend in _BENDS for focal in focals], np.eye(2), *_ROUGH)
     if bent[1] > np.log(turning.corner * ROWS / np.tan(_NARROW)):
@@ -264,7 +265,7 @@ class _Turning:
         ends = ends * ROWS / pairs[0].height
         width = pairs[0].width * ROWS / pairs[0].height
         moved = (ends[1] - ends[0]).reshape(len(pairs), -1)
-        usual = float(np.log(_USUAL * (width + ROWS)))
+        usual = float(np.log(USUAL_FOCAL * (width + ROWS)))
         return cls(used, ends.mean(axis=0), moved, width, usual, weighings)
 
     @property

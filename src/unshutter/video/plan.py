@@ -69,9 +69,9 @@ def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Pla
     options = request.options
     frames = len(evidence.parts[0]) if evidence.is_whole else None
     if time.plausible_s is not None and options.steadiness.stabilize is None:
-        visibility = too_little_to_see(request, evidence, time.longest_s)
-        if visibility is not None:
-            return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1)), frames)
+        little_px = too_little_to_see(request, evidence, time.longest_s)
+        if little_px is not None:
+            return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(little_px, 1), 0.1)), frames)
     if time.declined is not None:
         return Leave(time.declined, frames)
     if time.source is ReadoutSource.GIVEN or not is_tested(options):

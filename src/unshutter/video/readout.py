@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import focal_from_motion, is_copy, ratio_from_motion
-from unshutter.frames.tracks import Tracks
+from unshutter.frames.tracks import GUESSED_RATIO, Tracks
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
@@ -27,7 +27,6 @@ PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
 MOST_PARTS = 12  # of a clip
 _FAR = 3.0  # standard deviations: parts that differ by more disagree
 _AGREE = 0.6  # least share of the parts' weight that agrees
-_GUESSED_RATIO = 0.5
 _FAST_SHARE = 95  # percentile of the background corners' speed that is used
 _LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more, there is no bound
 _ROUNDING_PX = 0.05
@@ -76,7 +75,7 @@ def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None =
         if len(run.pairs) >= _FEWEST:
             focal = request.focal and request.focal * ROWS
             try:
-                focal = focal or focal_from_motion(run.pairs[: PART // 2], _GUESSED_RATIO)
+                focal = focal or focal_from_motion(run.pairs[: PART // 2], GUESSED_RATIO)
                 ratios.append(
                     ratio_from_motion(run.pairs, focal, run.starts if run.is_uneven else None, is_checked=True)
                 )
@@ -150,16 +149,8 @@ def _longest_run(frames: Sequence[TrackedFrame]) -> _Run:
 # ---- bound on the visible motion -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Visibility:
-    """The bound on the rolling-shutter distortion that a clip can show."""
-
-    largest_px: float  # largest displacement within a frame at the longest plausible readout time [px]
-    frames: int  # number of frames examined: all of the selected part
-
-
-def too_little_to_see(request: ClipRequest, evidence: Survey, longest_s: float) -> Visibility | None:
-    """Returns the bound on what undoing the motion would change, or None if it is half a pixel or more.
+def too_little_to_see(request: ClipRequest, evidence: Survey, longest_s: float) -> float | None:
+    """Returns the largest displacement within a frame that a clip can show [px], or None if it is half a pixel or more.
 
     Args:
         longest_s: longest plausible readout time [s].
@@ -183,4 +174,4 @@ def too_little_to_see(request: ClipRequest, evidence: Survey, longest_s: float) 
             largest = max(largest, reach * (moved_px * scale / (frame.since or 1.0)))
         if largest >= LEAST_PX - _ROUNDING_PX:
             return None
-    return None if lost > _LOST_SHARE * frames or frames < 2 else Visibility(largest, frames)
+    return None if lost > _LOST_SHARE * frames or frames < 2 else largest

@@ -257,18 +257,18 @@ def _of_rows(runs: Sequence[Run], shift: int = 0) -> tuple[Estimate, Float64[np.
     own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
     for kind in range(2):
         alone = np.concatenate([changes[:, [kind]], own], axis=1)
-        left = _robust(shapes[:, kind], alone)[2]
+        left = fit_robustly(shapes[:, kind], alone)[2]
         scale = max(1.4826 * float(np.median(np.abs(left))), 1e-6)
         both = np.zeros((len(speeds), 7))
         both[:, 0] = changes[:, kind]
         both[:, 1 + 3 * kind : 4 + 3 * kind] = own
         values.append(shapes[:, kind] / scale)
         rows.append(both / scale)
-    unknowns, errors, _ = _robust(np.concatenate(values), np.concatenate(rows))
+    unknowns, errors, _ = fit_robustly(np.concatenate(values), np.concatenate(rows))
     return Estimate(float(unknowns[0]), float(errors[0])), changes
 
 
-def _robust(
+def fit_robustly(
     values: Float64[np.ndarray, "n"], rows: Float64[np.ndarray, "n unknowns"]
 ) -> tuple[Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "n"]]:
     """Returns unknowns, standard errors that allow for correlation between neighbours, and what is left."""

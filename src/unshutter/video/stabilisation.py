@@ -26,7 +26,7 @@ from unshutter.motion.shapes import Float32, Float64
 from unshutter.options.clip_options import ClipUndo, Steadiness
 from unshutter.orientation import Readout
 from unshutter.reasons import JsonObject, Reason
-from unshutter.video.frame_map import SteadyView, borders_of, margins, zoom_needed
+from unshutter.video.frame_map import SteadyView, borders_of, margins, undone_part, zoom_needed
 from unshutter.video.frame_warper import ROWS
 from unshutter.video.gain import TALL, is_visible
 
@@ -79,12 +79,11 @@ class CameraPath:
         turn = np.full(3, np.nan)
         if step is not None and not cut:
             turn = rotation_vector(at_reference @ rotation_matrix(step.turn) @ self._at_reference.T)
-        undone = motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
         self.times_s.append(time_s)
         self.cuts.append(cut)
         self.steps.append(turn)
         self.focals.append(focal)
-        self.borders.append(borders_of(undone, self.aspect))
+        self.borders.append(borders_of(undone_part(motion, self.undo), self.aspect))
         self.middle_steps.append(step)
         self._motions.append(_Rows.of(motion) if isinstance(motion, RotationMotion) else found.reason)
         self._at_reference = at_reference

@@ -3,6 +3,7 @@
 /** @import { ClipFacts, ClipResult, Doing, Longest, Options, ReadoutTime, Which } from "./types.js" */
 
 import { factsIn, Refused } from "./api.js";
+import { ofGroups } from "./form.js";
 import { Opened } from "./opened.js";
 import { films } from "./options.js";
 import { pace } from "./saving.js";
@@ -10,7 +11,7 @@ import { words } from "./words.js";
 
 const SMALL = 320;
 const PART = ["start", "end"]; // options that say which part of the clip is kept
-const SEARCHED = [...PART, "readout-ms", "readout-ratio", "camera"]; // by which the search for the readout time goes
+const SEARCHED = [...PART, ...ofGroups("clip", ["shutter"])]; // by which the search for the readout time goes
 const LOOK_MS = 500; // between looks at how far it is
 /** @type {Doing} */
 const NOTHING = { share: 0, left: "" };

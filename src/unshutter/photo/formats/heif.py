@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pi_heif import HeifImage
 
 
+_USUAL_QUALITY = 80  # where the user states none
 _THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
 
 
@@ -44,7 +45,6 @@ class Avif(WrittenFormat):
     deep = True
     grey = False
     alpha = True
-    usual_quality = 80
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:
@@ -86,7 +86,7 @@ class Avif(WrittenFormat):
         deep = coding.bits if coding.bits in (10, 12) else 12
         options = {
             "compression": "av1",
-            "Q": picture.quality or self.usual_quality,
+            "Q": picture.quality or _USUAL_QUALITY,
             "effort": 0,  # takes a quarter of the time of 2; docs/reference/formats.md describes what is lost
             "bitdepth": deep if picture.image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",

@@ -190,7 +190,6 @@ class WrittenFormat(Format):
     grey: ClassVar[bool]  # whether it supports pictures with one channel
     alpha: ClassVar[bool]  # whether it supports transparency
     masks: ClassVar[bool] = False  # whether it supports an extra channel that is not transparency
-    usual_quality: ClassVar[int | None] = None  # 1-100, where neither the user nor the original states one
     holds: ClassVar[frozenset[str]]  # attributes of ``Metadata`` that its files can hold
 
     def exif_blocks(self, file: BinaryIO) -> Iterable[ExifBlock]:

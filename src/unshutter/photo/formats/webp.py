@@ -20,6 +20,7 @@ from unshutter.photo.libvips import Source
 _METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is a misspelling by some programs
 _OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
 _LONGEST = 1 << 28  # maximum size of a chunk to read [bytes]
+_USUAL_QUALITY = 90  # where neither the user nor the original states one
 
 
 @final
@@ -34,7 +35,6 @@ class Webp(WrittenFormat):
     deep = False
     grey = False
     alpha = True
-    usual_quality = 90
     holds = frozenset({"exif", "icc", "xmp"})
 
     def read_header(self, source: Source) -> Header:
@@ -56,7 +56,7 @@ class Webp(WrittenFormat):
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
         lossless = picture.coding.lossless and picture.quality is None
-        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or self.usual_quality}
+        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or _USUAL_QUALITY}
         return picture_format.encode(picture, "webpsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
