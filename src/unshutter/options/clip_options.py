@@ -41,8 +41,8 @@ class Shutter:
     )
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read out, if an editor has rotated the frames. Default: found from the clip, "
-        "otherwise top-to-bottom.",
+        "Direction in which the sensor was read out, if an editor has rotated the frames. Default: found from the "
+        "clip, otherwise top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
