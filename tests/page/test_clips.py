@@ -13,7 +13,7 @@ import pytest
 
 from support import clips
 from support.covering import thorough
-from support.hand_held import hand
+from support.hand_held import hand, pan
 from support.page_server import TOKEN, Asking, becomes, desk, events, served, temporary_folders
 from unshutter import errors
 from unshutter.cli import main
@@ -205,6 +205,19 @@ def test_the_readout_time(client: httpx.Client, walk: Path, tmp_path: Path) -> N
         assert low < usual["ms"] < high and usual["cameras"] == "cameras and phones"
         after = json.loads(client.get(f"/api/clips/{id}/after").headers["unshutter-result"])
         assert not after["changed"] and after["code"] == Code.STOOD_STILL
+
+
+def test_a_clip_that_is_left_is_shown_as_it_is(client: httpx.Client, tmp_path: Path) -> None:
+    """An even pan shows no readout time: nothing of it is undone until its time is given."""
+    greys = clips.moving(30, pan(3 * np.degrees(1 / clips.FOCAL) * clips.FPS), ratio=0.5)[1]
+    id = _opened(client, clips.write(tmp_path / "pan.mp4", greys))
+    assert client.get(f"/api/clips/{id}/readout").json()["left"]
+    after = client.get(f"/api/clips/{id}/after", params={"moment": "2"})
+    assert after.status_code == 200, after.text
+    told = json.loads(after.headers["unshutter-result"])
+    assert not told["changed"] and told["largest_px"] == 0 and told["code"] == Code.READOUT_TIME_UNKNOWN
+    assert after.content == client.get(f"/api/clips/{id}/before", params={"moment": "2"}).content
+    assert client.get(f"/api/clips/{id}/film", params={"moment": "2"}).status_code == 200
 
 
 def test_photos_and_clips_in_one_zip_file(client: httpx.Client, tmp_path: Path, photo: Path, walk: Path) -> None:

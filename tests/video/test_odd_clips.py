@@ -5,8 +5,10 @@ import struct
 import numpy as np
 import pytest
 
+import unshutter
 from support import clips
 from support.covering import thorough
+from support.hand_held import hand
 from support.refusals import left_behind, refused
 from unshutter.cli import main
 from unshutter.video.clip import look
@@ -165,3 +167,12 @@ def test_a_single_picture_is_no_film(tmp_path, capsys):
     refused(capsys, [path, "-o", tmp_path / "out.png", *clips.KNOWN], 1, "ffmpeg -i film.mkv out/%05d.png")
     refused(capsys, [tmp_path, "-o", tmp_path / "out.mp4", *clips.KNOWN], 1, "is a folder", "ffmpeg -framerate 30 -i")
     assert left_behind(tmp_path) == []
+
+
+@pytest.mark.parametrize("at", [20, thorough(40)])
+def test_nothing_can_be_followed_in_black_frames(tmp_path, at):
+    greys = clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]
+    black = [np.zeros_like(greys[0])] * 4
+    clip = clips.write(tmp_path / "in.mkv", [*greys[:at], *black, *greys[at:]], "ffv1")
+    outcome = unshutter.rectify_clip(clip, tmp_path / "out.mkv")
+    assert outcome.frames == 44 and outcome.rectified >= 40

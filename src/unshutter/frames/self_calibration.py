@@ -297,7 +297,8 @@ class Shot:
         last = self._last
         if last is None or (frame.height, frame.width) != (last.height, last.width):
             return False
-        frame.followed = frame.followed or follow(last.grey, frame.grey, lens)
+        if frame.followed is None:  # no track at all is known, too
+            frame.followed = follow(last.grey, frame.grey, lens)
         before = self.pairs[-1] if self.pairs else None
         if not is_copy(frame.followed, before, last.copies):
             return False

@@ -64,7 +64,8 @@ def after(
         warper = Warper(clip, undo)
         moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
         motion = warper.motion(moving)
-        motion = motion.resized(*motion.readout.frame_size(clip.height, clip.width))
+        if not motion.is_zero:
+            motion = motion.resized(*motion.readout.frame_size(clip.height, clip.width))
         pixels = _small(warper.rectified(moving).picture, longest, moving.frame)
         result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
         if moving.found.reason is not None:
