@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command line has it: two threads round differently from one
+# libraries' other threads, too: those of several tests at a time would mostly wait for one another, and wait busily
+os.environ.update(OMP_NUM_THREADS="1", OPENCV_FOR_THREADS_NUM="1")
 
 import cv2
 import numpy as np

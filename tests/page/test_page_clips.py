@@ -17,6 +17,12 @@ FOUND_MS = 60_000  # a readout time may take so long to be found while others wo
 
 
 @pytest.fixture(scope="module")
+def stroll(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Too short to show its readout time, for tests that state it: nothing is searched for."""
+    return clips.write(tmp_path_factory.mktemp("clips") / "stroll.mp4", GREYS[:14])
+
+
+@pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return clips.write(tmp_path_factory.mktemp("clips") / "walk.mp4", GREYS, sound=True)
 
@@ -101,7 +107,7 @@ def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page
 
 
 def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
-    film = clips.write(tmp_path / "long.mp4", clips.moving(60)[1])
+    film = clips.write(tmp_path / "long.mp4", clips.moving(40)[1])
     drop(page, film)
     expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
     expect(page.locator("#clip-panel")).to_contain_text(re.compile(r"Found: (19|20|21)\.\d ± [01]\.\d ms"))
@@ -211,8 +217,8 @@ def _canvas(page: Page, which: str) -> list[int]:
     )
 
 
-def test_before_and_after_play_in_step(page: Page, walk: Path) -> None:
-    drop(page, walk)
+def test_before_and_after_play_in_step(page: Page, stroll: Path) -> None:
+    drop(page, stroll)
     _give_readout(page)
     wait_for(page, "done")
     with page.expect_response("**/film?*readout-ms=20*", timeout=FOUND_MS) as response:
@@ -238,8 +244,8 @@ def test_before_and_after_play_in_step(page: Page, walk: Path) -> None:
     expect(page.locator(".layer canvas")).to_have_count(0)
 
 
-def test_the_camera_of_a_clip_is_searched_in_the_table(page: Page, walk: Path) -> None:
-    drop(page, walk)
+def test_the_camera_of_a_clip_is_searched_in_the_table(page: Page, stroll: Path) -> None:
+    drop(page, stroll)
     page.locator("#clip-readout-unit").select_option("camera")
     names = page.locator("#clip-camera-known option").evaluate_all("nodes => nodes.map(node => node.value)")
     assert len(names) > 50
@@ -271,8 +277,8 @@ def test_the_field_for_the_readout_time_shows_where_it_is_asked_for(page: Page, 
     expect(page.get_by_text("does not show its readout time")).to_have_count(1)
 
 
-def test_what_a_moment_does_not_show_is_said_where_it_is_set(page: Page, walk: Path) -> None:
-    drop(page, walk)
+def test_what_a_moment_does_not_show_is_said_where_it_is_set(page: Page, stroll: Path) -> None:
+    drop(page, stroll)
     _give_readout(page)
     page.locator("#clip-panel").get_by_text("Advanced").click()
     stabilized = page.get_by_text("“Play before and after” shows it; single moments do not.")
@@ -285,8 +291,8 @@ def test_what_a_moment_does_not_show_is_said_where_it_is_set(page: Page, walk: P
     expect(dense).to_be_visible()
 
 
-def test_a_saved_clip_is_marked(page: Page, walk: Path) -> None:
-    drop(page, walk)
+def test_a_saved_clip_is_marked(page: Page, stroll: Path) -> None:
+    drop(page, stroll)
     _give_readout(page)
     wait_for(page, "done")
     with page.expect_download(timeout=FOUND_MS):

@@ -11,7 +11,7 @@ from support.gyro_logs import write_gcsv
 from support.refusals import refused
 from unshutter.video import gyro_log
 
-FRAMES, SHIFT = 40, 0.137
+FRAMES, SHIFT = 32, 0.137
 FOCAL = clips.KNOWN[2:]  # half of a search is to find it
 RATIO_S = clips.RATIO / clips.FPS
 
@@ -143,7 +143,7 @@ def test_a_damaged_log_of_a_gopro_is_named_in_one_line(tmp_path, straighten, cap
 def test_a_log_shorter_than_the_clip_is_left_alone(tmp_path, straighten, shaken):
     camera, clip, _ = shaken
     log = drawn_log(camera)
-    kept = (log.t_s > 0) & (log.t_s < 0.6)
+    kept = (log.t_s > 0) & (log.t_s < 0.48)
     short = write_gcsv(tmp_path / "short.gcsv", type(log)(log.t_s[kept], log.rates[kept], "", log.force))
     _, record, _ = straighten(clip, "--gyro", short, *clips.KNOWN)
     assert record["gyro"]["declined"]["code"] == "gyro-too-short"

@@ -12,7 +12,7 @@ from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.video import containers
 from unshutter.video.clip_rectification import rectify_clip_file
 
-FRAMES = 48
+FRAMES = 30
 
 
 @pytest.fixture

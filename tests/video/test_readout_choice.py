@@ -44,7 +44,7 @@ def run(tmp_path, capsys):
 
 def test_what_does_not_show_is_left_as_it_is_until_its_time_is_given(tmp_path, run):
     """An even pan shows no readout time, but leans; nobody knows how far."""
-    greys = clips.moving(30, slow(3.0), ratio=0.5)[1]
+    greys = clips.moving(24, slow(3.0), ratio=0.5)[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
     record, shown, out = run(clip)
     assert out.read_bytes() == clip.read_bytes()
@@ -63,7 +63,7 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     rows = Estimate(4 * error if wobbles else error, error)
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
     monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
-    path = clips.write(tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1")
+    path = clips.write(tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1")
     time = find_camera(ClipRequest.of(look(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))[0].readout
     assert time.source is ReadoutSource.USUAL and time.instead_of.code is Code.READOUT_TIME_UNKNOWN
     if wobbles:
@@ -74,7 +74,7 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
 
 def test_a_make_tells_the_kind_of_camera(tmp_path, run):
     clip = clips.write(
-        tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1", tags={"make": "Apple", "model": "X"}
+        tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1", tags={"make": "Apple", "model": "X"}
     )
     record, _, _ = run(clip)
     assert record["found_by"] == "usual value" and record["readout_ms"] < 12
@@ -83,7 +83,7 @@ def test_a_make_tells_the_kind_of_camera(tmp_path, run):
 def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
     """GoPro's firmware names the camera; a clip of this size is in none of its modes."""
     clip = clips.write(
-        tmp_path / "in.mp4", clips.moving(30, slow(3.0))[1], tags={"firmware": "HD5.02.02.00.00"}, **TAGS
+        tmp_path / "in.mp4", clips.moving(24, slow(3.0))[1], tags={"firmware": "HD5.02.02.00.00"}, **TAGS
     )
     record, shown, _ = run(clip)
     assert record["found_by"] == "table of cameras" and record["readout_ms"] == pytest.approx(30.03, abs=0.1)
@@ -107,17 +107,17 @@ TAGS = {"container": {"movflags": "use_metadata_tags"}}
 @pytest.mark.parametrize("px", [0.0, 0.25, 0.4])
 def test_where_there_is_nothing_to_see_the_clip_is_copied(tmp_path, run, px):
     """Rows lie within half a frame's motion of the middle one; this lens shows corners move a third faster."""
-    clip = clips.write(tmp_path / "in.mp4", clips.moving(30, slow(px))[1], sound=True)
+    clip = clips.write(tmp_path / "in.mp4", clips.moving(24, slow(px))[1], sound=True)
     record, shown, out = run(clip)
     assert out.read_bytes() == clip.read_bytes()
-    assert record["rectified"] == 0 and record["frames"] == 30 and record["written"]
+    assert record["rectified"] == 0 and record["frames"] == 24 and record["written"]
     (reason,) = record["declined"]
     assert "is taken, as usual" not in shown
     if px > 0 and reason["code"] == Code.NO_WOBBLE:  # so it seems where processors or libraries compress it otherwise
         return
     assert reason["code"] == Code.NOTHING_TO_SEE
     assert px / 2 - 0.05 <= reason["figures"]["px"] <= 1.33 * px / 2 + 0.15
-    assert "30 left unchanged (nothing to see: at most 0." in shown
+    assert "24 left unchanged (nothing to see: at most 0." in shown
 
 
 def test_first_row_as_reference_shows_twice_as_much(tmp_path, run):

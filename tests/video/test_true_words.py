@@ -33,8 +33,8 @@ def test_a_short_readout_is_not_a_camera_that_stands_still(tmp_path, straighten)
 
 def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, straighten):
     """Every seventh; the file says when the others are shown."""
-    times = [k for k in range(75) if k % 7]
-    greys = clips.moving(75)[1]
+    times = [k for k in range(50) if k % 7]
+    greys = clips.moving(50)[1]
     clip = clips.write(tmp_path / "in.mkv", [greys[k] for k in times], "ffv1", "gray", times=[k / 30 for k in times])
     _, record, shown = straighten(clip, "--focal-px", str(clips.FOCAL))
     assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=1.6)
@@ -52,7 +52,7 @@ def test_the_time_since_a_frame_before_missing_ones_counts(tmp_path):
 
 def test_missing_frames_are_not_called_a_shaking_camera(tmp_path, straighten):
     """Every seventh is missing, and the file does not say where."""
-    clip = clips.write(tmp_path / "in.mkv", [g for k, g in enumerate(clips.moving(60)[1]) if k % 7], "ffv1", "gray")
+    clip = clips.write(tmp_path / "in.mkv", [g for k, g in enumerate(clips.moving(36)[1]) if k % 7], "ffv1", "gray")
     _, _, shown = straighten(clip, "--focal-px", str(clips.FOCAL))
     assert "does not show its readout time" not in shown or "or missing frames" in shown
 
@@ -72,7 +72,7 @@ def test_near_and_far_are_no_cut():
 def test_the_search_reports_its_progress_frame_by_frame(tmp_path):
     steps, observer = [], ClipObserver()
     observer.note_progress = lambda *step: steps.append(step)
-    clip = clips.write(tmp_path / "in.mkv", clips.moving(40)[1], "ffv1", "gray")
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(24)[1], "ffv1", "gray")
     rectify_clip_file(
         str(clip),
         str(tmp_path / "out.mkv"),
@@ -80,5 +80,5 @@ def test_the_search_reports_its_progress_frame_by_frame(tmp_path):
         observer=observer,
     )
     search = [(done, total) for what, done, total in steps if what == "readout time"]
-    assert search[0] == (1, 80) and search[-1] == (80, 80)  # frames looked at, and as many for the analysis
-    assert [done for done, _ in search[:40]] == list(range(1, 41))
+    assert search[0] == (1, 48) and search[-1] == (48, 48)  # frames looked at, and as many for the analysis
+    assert [done for done, _ in search[:24]] == list(range(1, 25))

@@ -7,6 +7,7 @@ import pytest
 
 from support.evaluations import run
 from unshutter.photo import Photo
+from unshutter_lab.evaluation import run as evaluation
 
 
 @pytest.fixture(scope="session")
@@ -16,6 +17,12 @@ def photos(tmp_path_factory: pytest.TempPathFactory, facade: np.ndarray) -> Path
     Photo.from_array(facade[:300, :400]).save(folder / "a.png")
     Photo.from_array(facade[100:, 150:]).save(folder / "more" / "b.jpg")
     return folder
+
+
+@pytest.fixture
+def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out a run's plots, which take half of its time, for tests of something else."""
+    monkeypatch.setattr(evaluation, "draw_plots", lambda results, folder: [])
 
 
 @pytest.fixture(scope="session")

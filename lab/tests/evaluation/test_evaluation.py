@@ -40,6 +40,7 @@ def test_twice_the_same_figures_whatever_the_number_of_processes(photos: Path, m
         assert (tmp_path / file).read_bytes() == (measured / file).read_bytes(), file
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_a_run_that_was_killed_goes_on(photos: Path, measured: Path, tmp_path: Path) -> None:
     out = shutil.copytree(measured, tmp_path / "out")
     before = rows_of(out)
@@ -55,12 +56,14 @@ def test_a_run_that_was_killed_goes_on(photos: Path, measured: Path, tmp_path: P
     assert len(journal.read_text().splitlines()) == len(lines)
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_another_estimator_is_added_to_a_run(photos: Path, measured: Path, tmp_path: Path) -> None:
     assert run(photos, tmp_path, estimators="none") == 0
     assert run(photos, tmp_path) == 0
     assert (tmp_path / "results.csv").read_text() == (measured / "results.csv").read_text()
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_another_run_in_the_folder_is_not_mixed_in(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -72,6 +75,7 @@ def test_another_run_in_the_folder_is_not_mixed_in(
     assert "--seed 1" in (tmp_path / "results.md").read_text()
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> None:
     chosen = set()
     for seed in (0, 1, 2):
@@ -89,6 +93,7 @@ def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path) 
     assert ("moved > 1 px | moved > 3 px" in page) == (protocol == "undistorted")
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_recorded_motions(photos: Path, tmp_path: Path) -> None:
     t = np.linspace(0, 3, 301)
     np.savez(tmp_path / "log.npz", t_s=t, gyro_rad_s=np.stack([np.sin(t), t * 0, np.cos(3 * t)], axis=1))
@@ -180,6 +185,7 @@ def test_a_missing_extra_is_reported_before_the_work(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_a_damaged_photo_is_reported_and_the_others_are_measured(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -192,6 +198,7 @@ def test_a_damaged_photo_is_reported_and_the_others_are_measured(
     assert "photos 1" in (tmp_path / "out" / "results.md").read_text()
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_whatever_is_installed_can_be_measured(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "site").mkdir()
     install(tmp_path / "site", "wrong-estimators", {"wrong": "support.wrong_estimator:WRONG"})

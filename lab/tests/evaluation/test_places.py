@@ -140,6 +140,7 @@ def evaluate(yards: Path, *more: str) -> int:
     return main([*words, "--jobs", "1", *more])
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_answers_from_elsewhere_are_a_method_in_the_tables(yards: Path, tmp_path: Path) -> None:
     pictures, answers, out = tmp_path / "pictures", tmp_path / "answers", tmp_path / "out"
     assert evaluate(yards, "--pictures-only", "-o", str(pictures)) == 0

@@ -170,7 +170,8 @@ def _share_known(points: np.ndarray, tracks: Tracks, before: Background | None) 
     """Returns the share of corners that were followed into this frame with the background before; NaN if unknown."""
     if before is None or not len(before.tracks) or not len(points):
         return np.nan
-    apart = np.linalg.norm(points[:, None] - before.tracks.end, axis=-1).min(axis=1)
+    across, down = (points[:, k, None] - before.tracks.end[:, k] for k in (0, 1))
+    apart = np.sqrt((across**2 + down**2).min(axis=1))
     return float(np.mean(apart < _SAME_PLACE * float(np.hypot(tracks.height, tracks.width))))
 
 
