@@ -162,7 +162,7 @@ def test_frames_are_not_kept():
         return peak
 
     most_memory(5)
-    assert most_memory(160) < 1.3 * most_memory(80)
+    assert most_memory(120) < 1.3 * most_memory(60)
 
 
 @pytest.mark.parametrize(

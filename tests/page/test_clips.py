@@ -27,7 +27,7 @@ from unshutter.page.settings import Settings, fields, read_clip
 from unshutter.reasons import Code
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
-RATIO = {"readout-ratio": "0.6"}
+RATIO = {"readout-ratio": "0.6", "focal-px": str(clips.FOCAL)}
 GREYS = clips.moving(20)[1]
 
 
@@ -97,7 +97,7 @@ def _refused(answer: httpx.Response, status: int, told: str) -> None:
     "options",
     [
         thorough(RATIO),
-        {"readout-ms": "15", "strength": "0.5", "edges": "crop"},
+        {"readout-ms": "15", "focal-px": str(clips.FOCAL), "strength": "0.5", "edges": "crop"},
         thorough(RATIO | {"reference": "last"}),
     ],
 )
@@ -362,7 +362,8 @@ def test_a_clip_at_which_nothing_moves_is_given_up(
 
     from unshutter.page.saves import Saving
 
-    monkeypatch.setattr(saves, "_STANDSTILL_S", -1.0)  # at once
+    monkeypatch.setattr(saves, "_STANDSTILL_S", -1.0)  # at once, where nothing changes between two looks
+    monkeypatch.setattr(saves, "_LOOK_S", 0.01)
 
     async def run(one) -> Saving:
         stored = await one.store.add("walk.mp4", _pieces(long_walk.read_bytes()), "clip")

@@ -15,8 +15,6 @@ from support import clips
 from support.page_server import events, opened, run_command
 from support.rich_files import exif
 
-RATIO = 0.6  # of the clips' readout, so that no test looks for it
-
 
 @pytest.fixture(scope="module")
 def photos(
@@ -130,9 +128,9 @@ def test_clips(client: httpx.Client, tmp_path: Path) -> None:
     for film in films:
         answer = client.post("/api/clips", content=film.read_bytes(), headers={"Unshutter-Name": film.name})
         ids.append(answer.json()["id"])
-        run_command("video", film, "-o", commands / film.name, "--readout-ratio", RATIO)
-        unshutter.rectify_clip(str(film), str(python / film.name), readout_ratio=RATIO)
-    on_page = _from_the_page(client, ids, {"readout-ratio": str(RATIO)})
+        run_command("video", film, "-o", commands / film.name, *clips.KNOWN)
+        unshutter.rectify_clip(str(film), str(python / film.name), readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
+    on_page = _from_the_page(client, ids, {"readout-ratio": str(clips.RATIO), "focal-px": str(clips.FOCAL)})
     assert list(on_page) == ["walk.rectified.mkv", "walk.rectified.mov", "still.mkv"]
     for film, content in zip(films, on_page.values(), strict=True):
         assert content == (commands / film.name).read_bytes() == (python / film.name).read_bytes()

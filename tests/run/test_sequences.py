@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from support.batches import rectify, results
-from support.hand_held import clip, hand, pan
+from support.hand_held import FOCAL, clip, hand, pan
 from unshutter import Motion, Photo
 from unshutter.options import Clock, Neighbours, Rectify
 from unshutter.run.plan import add_motions
@@ -16,6 +16,7 @@ from unshutter.storage.targets import Target
 from unshutter_lab.evaluation.metrics import motion_error
 
 RATIO = ("--readout-ratio", "0.9")
+FOCAL_PX = ("--focal-px", FOCAL)  # half of a search is to find it
 
 
 @pytest.fixture
@@ -36,16 +37,17 @@ def errors(camera, folder):
 @pytest.mark.parametrize("how", [(), ("--jobs", 2)])
 def test_each_photo_gets_its_own_motion(moving, tmp_path, how):
     camera, folder = moving
-    focal = ("--focal-px", camera.focal_px)
-    assert rectify(folder, "--sequence", *RATIO, *focal, "-o", tmp_path / "out", "--save-motion", tmp_path, *how) == 0
+    assert (
+        rectify(folder, "--sequence", *RATIO, *FOCAL_PX, "-o", tmp_path / "out", "--save-motion", tmp_path, *how) == 0
+    )
     assert len(results(tmp_path / "out")) == 6
     found = errors(camera, tmp_path)
     assert len(found) == 6 and max(found) < 0.5
 
 
 def test_finished_frames_are_still_neighbours(moving, tmp_path):
-    camera, folder = moving
-    words = (folder, "--sequence", *RATIO, "--focal-px", camera.focal_px, "-o", tmp_path / "out")
+    _, folder = moving
+    words = (folder, "--sequence", *RATIO, *FOCAL_PX, "-o", tmp_path / "out")
     assert rectify(*words) == 0
     before = results(tmp_path / "out")
     (tmp_path / "out" / "3.rectified.png").unlink()
@@ -55,9 +57,9 @@ def test_finished_frames_are_still_neighbours(moving, tmp_path):
 
 def test_other_ratios_are_other_results(moving, tmp_path, capsys):
     _, folder = moving
-    assert rectify(folder, "--sequence", *RATIO, "-o", tmp_path / "out") == 0
+    assert rectify(folder, "--sequence", *RATIO, *FOCAL_PX, "-o", tmp_path / "out") == 0
     before = results(tmp_path / "out")
-    assert rectify(folder, "--sequence", "--readout-ratio", "0.3", "-o", tmp_path / "out") == 0
+    assert rectify(folder, "--sequence", "--readout-ratio", "0.3", *FOCAL_PX, "-o", tmp_path / "out") == 0
     assert "finished already" not in capsys.readouterr().err
     assert results(tmp_path / "out") != before
 
@@ -65,7 +67,7 @@ def test_other_ratios_are_other_results(moving, tmp_path, capsys):
 def test_a_photo_that_cannot_be_read_parts_the_sequence_and_is_reported(moving, tmp_path, capsys):
     _, folder = moving
     (folder / "2.png").write_bytes(b"no picture")
-    assert rectify(folder, "--sequence", *RATIO, "-o", tmp_path / "out") == 1
+    assert rectify(folder, "--sequence", *RATIO, *FOCAL_PX, "-o", tmp_path / "out") == 1
     assert len(results(tmp_path / "out")) == 5
     assert capsys.readouterr().err.count("2.png") == 1
 
@@ -95,7 +97,7 @@ def test_what_falls_back_is_rectified_by_itself(tmp_path):
 def test_the_model_may_be_forced_and_the_log_says_it(moving, tmp_path):
     _, folder = moving
     for model in ("camera", "dense"):
-        log, words = tmp_path / f"{model}.log", ("--model", model, "-o", tmp_path / model)
+        log, words = tmp_path / f"{model}.log", (*FOCAL_PX, "--model", model, "-o", tmp_path / model)
         assert rectify(folder, "--sequence", *RATIO, *words, "--json-log", log) == 0
         done = [json.loads(line) for line in log.read_text().splitlines()][:-1]
         assert {event["model"] for event in done} == {model}

@@ -131,7 +131,7 @@ def film(folder: Path) -> Scene:
 
 def film_by_motion(folder: Path) -> Scene:
     film, motion = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "m.json"
-    words = ["video", film, "--readout-ratio", "0.6", "-o", folder / "first.mp4", "--save-motion", motion]
+    words = ["video", film, *clips.KNOWN, "-o", folder / "first.mp4", "--save-motion", motion]
     assert main(list(map(str, words))) == 0
     words = ["video", film, "--motion", motion]
     return Scene(words, [film, motion], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[motion])

@@ -159,10 +159,10 @@ def test_a_clip_takes_the_tables_readout_time(tmp_path, straighten, nemo, flags)
 def test_what_a_clip_shows_beats_profiles_that_disagree(tmp_path, straighten, monkeypatch):
     wrong = [CameraMode("Nemo", "One", "", *SIZE, 30.0, 8.0, 6.0, 10.0, profiles=3)]
     monkeypatch.setattr(cameras, "table", lambda: tuple(wrong))
-    greys = clips.moving(60, clips.shaken(3.0))[1]
+    greys = clips.moving(36, clips.shaken(3.0))[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
     _, record, _ = straighten(clip, "--camera", "one", *clips.KNOWN[2:])
-    assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=2)
+    assert record["found_by"] in ("motion", "regression") and record["readout_ms"] == pytest.approx(20, abs=2)
 
 
 def test_an_unknown_camera_is_refused_before_any_work(tmp_path, capsys):

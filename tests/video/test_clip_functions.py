@@ -21,6 +21,7 @@ def test_a_whole_clip(tmp_path, capfd):
         clip,
         tmp_path / "out.mkv",
         readout_ratio=0.6,
+        focal_px=clips.FOCAL,
         save_motion=tmp_path / "motion.json",
         progress=lambda *step: steps.append(step),
     )
@@ -71,7 +72,7 @@ def test_a_lens_is_found_in_frames_as_it_is_in_files():
     """Seen through 140 degrees from corner to corner, at even angles."""
     focal = np.hypot(hand_held.HEIGHT, hand_held.WIDTH) / 2 / np.radians(70)
     lens = Lens(focal / hand_held.HEIGHT, (0.0, 0.0, 0.0, 0.0))
-    camera = hand_held.camera(clips.shaken(), lens=lens, focal_px=focal)
+    camera = hand_held.camera(clips.shaken(), frames=30, lens=lens, focal_px=focal)
     frames = list(camera.rendered(clips.wall()))
     truth = np.stack(list(camera.rendered(clips.wall(), global_shutter=True))).astype(float)
     as_straight = list(unshutter.rectify_clip_frames(frames, readout_ratio=0.6, focal_px=focal))
@@ -81,11 +82,11 @@ def test_a_lens_is_found_in_frames_as_it_is_in_files():
 
 
 def test_frames_without_a_bent_lens_are_those_of_no_search(monkeypatch):
-    frames = clips.moving(40)[1]
+    frames = clips.moving(30)[1]
     searched = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
     monkeypatch.setattr(clip_functions, "lens_in_greys", lambda _: None)
     plain = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
-    assert all(np.array_equal(*pair) for pair in zip(searched, plain, strict=True)) and len(plain) == 40
+    assert all(np.array_equal(*pair) for pair in zip(searched, plain, strict=True)) and len(plain) == 30
 
 
 def test_the_focal_length_counts():

@@ -154,7 +154,7 @@ def test_what_does_not_go_together_is_refused(tmp_path, clip, flags, said, capsy
 
 
 def test_three_frames_are_held_at_a_time(tmp_path):
-    before = clips.write(tmp_path / "in.mkv", [two_layers.frame(k) for k in range(30)], "ffv1", "gray")
+    before = clips.write(tmp_path / "in.mkv", [two_layers.frame(k) for k in range(FRAMES)], "ffv1", "gray")
     clip = look(str(before), MAX_PIXELS)
     request = ClipRequest.of(clip, RectifyClip(undo=ClipUndo(model="dense", edges="borrow")))
     held = weakref.WeakSet()

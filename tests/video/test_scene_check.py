@@ -17,7 +17,7 @@ from unshutter.video.frame_warper import MovingFrame, with_motion
 from unshutter.video.scene_check import SceneCheck
 
 FOUND = ReadoutRatio(0.6, 0.02, ReadoutSource.REGRESSION)
-CUT, LATER = 45, 50  # frames of the first scene, which is also the third, and of the second
+CUT, LATER = 36, 40  # frames of the first scene, which is also the third, and of the second
 
 
 @pytest.fixture(scope="module")

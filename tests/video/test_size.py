@@ -19,7 +19,7 @@ from unshutter.video.rendering import Rendering
 
 @pytest.fixture(scope="module")
 def greys():
-    return clips.moving(75)[1]
+    return clips.moving(60)[1]
 
 
 def new_size(path, *flags):
