@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
-from unshutter.options.clip_options import RectifyClip
+from unshutter.options.clip_options import ClipUndo, RectifyClip, Steadiness
 from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, kept, put, put_text
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.progress import SILENT
+from unshutter.readout_time import ReadoutSource
 from unshutter.reasons import JsonObject, Reason
 
 if TYPE_CHECKING:
@@ -143,18 +144,37 @@ def _camera_of(
 def _found_in(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
 ) -> JsonObject:
-    """Returns a clip's camera and its wobble as JSON: found once, and cached."""
+    """Returns a clip's camera, its wobble, and why it is left unchanged, as JSON: found once, and cached."""
     from unshutter.video.camera import find_camera
     from unshutter.video.clip import ClipRequest
+    from unshutter.video.plan import Leave, Undo, plan_by_all
     from unshutter.video.readout import wobble_in_survey
 
     def find() -> JsonObject:
-        request = ClipRequest.of(clip, options, progress or SILENT)
-        camera, evidence = find_camera(request)
-        rows = (camera.direction or request.readout).frame_size(clip.height, clip.width)[0]
-        return {"camera": camera.as_json(), "wobble_px": wobble_in_survey(evidence, rows)}
+        usual = replace(options, undo=ClipUndo(), steadiness=Steadiness())
+        camera, evidence = find_camera(ClipRequest.of(clip, usual, progress or SILENT))
+        request = camera.complete(ClipRequest.of(clip, usual, progress or SILENT))
+        stated = camera.readout.source is ReadoutSource.GIVEN  # such a clip is straightened in any case
+        plan = Undo() if stated else plan_by_all(request, camera, evidence)
+        return {
+            "camera": camera.as_json(),
+            "wobble_px": wobble_in_survey(evidence, request.frame_size[0]),
+            "left": plan.reason.as_json() if isinstance(plan, Leave) else None,
+        }
 
     return kept(open_file, "camera", (options.shutter, options.span(clip.duration_s)), find)
+
+
+def _why_left(
+    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
+) -> Reason | None:
+    """Returns why no frame of a clip is straightened; None if they are."""
+    from unshutter.video.gain import is_tested
+
+    if not is_tested(options):
+        return _camera_of(open_file, clip, options, progress).readout.declined
+    left = _found_in(open_file, clip, options, progress)["left"]
+    return left and Reason.from_json(left)
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
@@ -183,9 +203,10 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
 
     request = ClipRequest.of(clip, options)
     camera = ClipCamera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
+    left = None if usual else _why_left(open_file, clip, options)
+    if left is not None:
+        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=left))
     time = camera.readout
-    if time.declined is not None:
-        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=time.declined))
     file = open_file.path.with_name(f"moment-{hash_options(options.shutter, time, time_s, usual)}.json")
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Finding.from_json(file.read_text(encoding="utf-8")))
@@ -234,8 +255,8 @@ def _pairs(
     request = camera.complete(ClipRequest.of(clip, part, progress))
     if options.steadiness.level:
         camera, _ = find_camera(request, camera)
-    declined = camera.readout.declined
-    rendering = Rendering(request, camera, Undo() if declined is None else Leave(declined))
+    left = _why_left(open_file, clip, options, progress)
+    rendering = Rendering(request, camera, Undo() if left is None else Leave(left))
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
     warper = Warper(clip, part.undo)

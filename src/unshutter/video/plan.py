@@ -46,15 +46,21 @@ def make_plan(request: ClipRequest, found: ClipCamera | None = None) -> tuple[Cl
         return _plan_of_file(request)
     camera, evidence = find_camera(request, found)
     request = camera.complete(request)
-    plan = plan_from(request, camera, evidence)
+    plan = plan_by_all(request, camera, evidence)
     by_frames = camera.readout.declined is None
-    if isinstance(plan, Leave) and by_frames and not evidence.is_whole:  # now all frames are asked
-        span_s = request.options.start, request.options.end
-        plan = plan_from(request, camera, survey(request, [span_s], request.steps("looking")).through(camera.lens))
     is_used = by_frames and (isinstance(plan, Undo) or plan.reason.code is not Code.NOTHING_TO_SEE)
     if found is None and camera.readout.source is not ReadoutSource.GIVEN and is_used:
         request.observer.note_readout(camera.readout, request.clip.interval_s)
     return request, camera, plan
+
+
+def plan_by_all(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
+    """Returns the plan for a clip of a camera by some of its frames; all are asked before it is left."""
+    plan = plan_from(request, camera, evidence)
+    if isinstance(plan, Undo) or camera.readout.declined is not None or evidence.is_whole:
+        return plan
+    span_s = request.options.start, request.options.end
+    return plan_from(request, camera, survey(request, [span_s], request.steps("looking")).through(camera.lens))
 
 
 def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
