@@ -129,13 +129,23 @@ class CameraMotion:
                 reason = self.check(shot)
             start = np.floor(shot.times[0])
             for frame in shot.waiting[:many]:
-                index = frame.at - start
-                ratio = self.ratio.value if self.ratio else 0.0
-                size = (frame.height, frame.width)
-                place = (shot.number, shot.scene)
-                tracks = frame.tracks if self.whole_path else None
-                known = self.turns, frame.time_s, frame.after, tracks, self._focal, self.lens
-                motion = FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
+                motion = FrameMotion(
+                    height=frame.height,
+                    width=frame.width,
+                    readout=self.readout,
+                    fit=fit,
+                    at=frame.at - start,
+                    ratio=self.ratio.value if self.ratio else 0.0,
+                    reason=reason,
+                    shot=shot.number,
+                    scene=shot.scene,
+                    turns=self.turns,
+                    time_s=frame.time_s,
+                    after=frame.after,
+                    tracks=frame.tracks if self.whole_path else None,
+                    focal=self._focal,
+                    lens=self.lens,
+                )
                 yield motion
                 yield from [replace(motion, after=0.0, tracks=None)] * frame.copies
             shot.drop(many, self.window.behind)

@@ -153,5 +153,10 @@ class Lens:
     def of_json(cls, data: JsonObject) -> Lens:
         """Reads what :meth:`as_json` wrote; raises KeyError, TypeError or ValueError if it is something else."""
         right, down = map(float, data["axis_shift"])
-        found = visible(str(data.get("source", ""))), float(data.get("error", 0.0))
-        return cls(float(data["focal_heights"]), tuple(map(float, data["fisheye_k"])), (right, down), *found)
+        return cls(
+            focal=float(data["focal_heights"]),
+            k=tuple(map(float, data["fisheye_k"])),
+            shift=(right, down),
+            source=visible(str(data.get("source", ""))),
+            error=float(data.get("error", 0.0)),
+        )

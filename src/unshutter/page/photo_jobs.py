@@ -33,7 +33,7 @@ from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
 from unshutter.reasons import JsonObject, MotionSource, rounded
-from unshutter.run.work import Job, finish_job
+from unshutter.run.work import Job, finish_job, sequence_options
 from unshutter.single.register import load
 from unshutter.storage.targets import Target, TargetKind
 
@@ -194,7 +194,7 @@ def _rectify_between(
     open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
 ) -> tuple[np.ndarray, JsonObject]:
     """Rectifies a small copy of the photo, using small copies of its neighbours."""
-    from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
+    from unshutter.frames.sequence_rectification import rectify_between
     from unshutter.motion.grid import EdgePolicy, valid_window
 
     policy = EdgePolicy(options.undo.edges)
@@ -202,9 +202,7 @@ def _rectify_between(
     undo = replace(options.undo, edges="fill") if policy.may_crop else options.undo
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal_px = options.find.camera.focal_px or photo.focal_px()
-    alone = options.find if frames.fallback else None
-    described = frames.at, frames.model, focal_px and focal_px / scale, alone
-    sequence = SequenceOptions(options.stated_ratio, undo, options.find.camera.direction, *described)
+    sequence = replace(sequence_options(options), undo=undo, focal_px=focal_px and focal_px / scale)
     neighbours = [path and replace(open_file, path=path) for path in (frames.before, frames.after)]
     for each in map(opened, filter(None, neighbours)):
         if (each.height, each.width) != (photo.height, photo.width):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.frames.sequence import FrameMotion
-    from unshutter.frames.sequence_rectification import RectifiedFrame
+    from unshutter.frames.sequence_rectification import RectifiedFrame, SequenceOptions
     from unshutter.motion.finding import Finding
     from unshutter.motion.rectified import Rectified, Result
     from unshutter.motion.verdict import Verdict
@@ -205,14 +205,10 @@ def _rectify_alone(begun: Ahead, job: Job, request: Rectify, given: Finding | No
 
 def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
     """Rectifies a photo with the help of its neighbours."""
-    from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between, rectify_by_camera
+    from unshutter.frames.sequence_rectification import rectify_between, rectify_by_camera
 
     neighbours = request.neighbours
-    camera = request.find.camera
-    alone = request.find if neighbours.fallback else None
-    options = SequenceOptions(
-        request.stated_ratio, request.undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone
-    )
+    options = sequence_options(request)
     if not neighbours.sequence:
         before, after = (path and open_input(path, job.max_pixels) for path in (neighbours.before, neighbours.after))
         return rectify_between(photo, before, after, options)
@@ -228,6 +224,22 @@ def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame
         raise
     except UnshutterError:  # no optical flow: use what is known of the camera's motion, or keep the photo
         return rectify_by_camera(photo, job.motion, request.undo)
+
+
+def sequence_options(request: Rectify) -> SequenceOptions:
+    """Returns the options for rectifying a photo with the help of its neighbours."""
+    from unshutter.frames.sequence_rectification import SequenceOptions
+
+    camera = request.find.camera
+    return SequenceOptions(
+        time=request.stated_ratio,
+        undo=request.undo,
+        readout=camera.direction,
+        at=request.neighbours.at,
+        model=request.neighbours.model,
+        focal_px=camera.focal_px,
+        alone=request.find if request.neighbours.fallback else None,
+    )
 
 
 def _describe_picture(file: Written) -> str:

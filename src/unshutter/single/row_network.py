@@ -55,8 +55,15 @@ def motion_of_square(
     """
     scale = side_of(view) / SIZE
     at = (rows + 0.5) * scale - 0.5 + corner_of(view)[1]
-    key_rows = at.tolist(), (samples[0] * scale).tolist(), samples[1].tolist()
-    return RowMotion.from_key_rows(*key_rows, view.height, view.width, degree, readout=view.readout)
+    return RowMotion.from_key_rows(
+        rows=at.tolist(),
+        tx_px=(samples[0] * scale).tolist(),
+        rz_rad=samples[1].tolist(),
+        height=view.height,
+        width=view.width,
+        degree=degree,
+        readout=view.readout,
+    )
 
 
 def side_of(view: View) -> int:

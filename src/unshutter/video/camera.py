@@ -212,8 +212,9 @@ def _compared(time: ReadoutTime, shown: Regression | None, interval_s: float) ->
 def _listed_time(request: ClipRequest) -> ReadoutTime | None:
     """Returns the readout time that the clip's file states, or that is listed for its camera."""
     clip = request.clip
-    mode = (clip.width, clip.height), 1 / clip.interval_s
-    return clip.camera.readout or cameras.listed_time(clip.tags, request.options.shutter.camera, *mode)
+    named = request.options.shutter.camera
+    size = (clip.width, clip.height)
+    return clip.camera.readout or cameras.listed_time(clip.tags, named, size, rate=1 / clip.interval_s)
 
 
 def usual_time(request: ClipRequest) -> ReadoutTime:
