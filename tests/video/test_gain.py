@@ -11,7 +11,8 @@ from unshutter.video import cameras, gain
 from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip import ClipRequest, look
-from unshutter.video.gain import Gain, gain_of_clip
+from unshutter.video.gain import FrameSteps, Gain, gain_of_clip
+from unshutter.video.readout_regression import PairMotion
 from unshutter.video.survey import survey
 
 FRAMES = 24
@@ -131,3 +132,16 @@ def test_a_wobble_is_told_in_pixels_of_the_clip():
     known = {"gains": [9.0] * pairs, "wobble_px": [(2.0, 1.98)] * pairs, "_changes_px": [(3.0, 3.0)] * pairs}
     reason = Gain(pairs, 480, [3.0] * pairs, **known).declined()
     assert str(reason) == "undoing the motion hardly helps: wobble of 0.89 px before, 0.88 px after"
+
+
+def test_a_clip_with_one_large_step_is_left_for_that():
+    """All other steps get smaller: what is said is how large that one gets."""
+    rng = np.random.default_rng(1)
+    steps = FrameSteps()
+    for number, shape in enumerate(rng.normal(0, 0.3, (30, 2))):
+        after = np.array([0.0, 1.9]) if number == 12 else shape / 4
+        steps.add(PairMotion(np.zeros(2), shape), PairMotion(np.zeros(2), after), np.zeros(2))
+    reason = Gain(frames=30, displaced_px=[5.0] * 30, steps=steps).declined()
+    assert reason is not None and reason.code is Code.NO_GAIN
+    figures = dict(reason.figures)
+    assert figures["after"] > 1.5 > figures["before"] > 0.5

@@ -69,6 +69,11 @@ class StepSizes:
         sizes = np.hypot(*left.T)
         return cls(float(np.sqrt(2 * np.mean(left**2))), float(np.percentile(sizes, _LARGE)), float(sizes.max()))
 
+    @property
+    def figures(self) -> tuple[float, float, float]:
+        """All of them, in the order in which people see them; where steps are worse, one of them has grown."""
+        return self.rms, self.largest, self.usual
+
     def is_worse_than(self, other: StepSizes, slack: float) -> bool:
         """Whether large steps are larger than others, by more than a tenth and some slack [px].
 
@@ -169,7 +174,9 @@ class Gain:
         sizes = self.steps.sizes
         if sizes is not None and sizes[1].is_worse_than(sizes[0], _SLACK_PX * self.steps.rows / TALL):
             own = self.short_side / self.steps.rows  # px of the clip for each of the copies
-            return Reason.of(Code.NO_GAIN, before=round(own * sizes[0].rms, 3), after=round(own * sizes[1].rms, 3))
+            figures = zip(sizes[0].figures, sizes[1].figures, strict=True)
+            before, after = next((was, now) for was, now in figures if now > was)
+            return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
         if len(self.gains) < _FEW:
             return None
         gain, error = self.gain
