@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from support.covering import covering
+from support.covering import covering, thorough
 from support.hand_held import FOCAL, HEIGHT, camera, exact_tracks, hand, pan, shaking, still
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
@@ -17,7 +17,7 @@ def ratio_of(log, ratio, frames=45, noise=0.1):
     return ratio_from_motion(exact_tracks(camera(log, ratio, frames), noise=noise), FOCAL * ROWS / HEIGHT)
 
 
-@pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("ratio", [0.3, thorough(0.6), 0.9])
 def test_a_hand_says_it(ratio):
     answer = ratio_of(hand(seed=int(10 * ratio)), ratio)
     assert answer.value == pytest.approx(ratio, abs=0.03)

@@ -10,6 +10,7 @@ import pytest
 
 import unshutter
 from support.batches import rectify
+from support.covering import thorough
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Candidate, Finding
@@ -34,7 +35,7 @@ def photos(rolling_facade: np.ndarray, tmp_path: Path) -> list[Path]:
     return paths
 
 
-@pytest.mark.parametrize("ending", [".jpg", ".png", ".tif"])
+@pytest.mark.parametrize("ending", [".jpg", ".png", thorough(".tif")])
 def test_the_command_line_gives_what_python_gives(ending: str, rolling_facade: np.ndarray, tmp_path: Path) -> None:
     photo, out, given = (tmp_path / f"{name}{ending}" for name in ("photo", "out", "given"))
     Photo.from_array(np.kron(rolling_facade, np.ones((3, 3, 1), np.uint8))).save(photo)  # large enough to be shrunk

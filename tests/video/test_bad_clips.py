@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.covering import thorough
 from support.refusals import left_behind, refused
 from unshutter.cli import main
 from unshutter.video import mp4
@@ -233,7 +234,7 @@ def long_clip(tmp_path):
     return clips.write(tmp_path / "in.mp4", GREYS * 20, options={"preset": "ultrafast"})
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), thorough(signal.SIGTERM, 143)])
 def test_stopped(tmp_path, long_clip, number, code):
     process = started(tmp_path, long_clip)
     at_work(tmp_path)

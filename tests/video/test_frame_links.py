@@ -92,7 +92,7 @@ def test_half_the_strength_goes_half_the_way(clip):
     assert np.array_equal(nothing, clips.luma(clip))
 
 
-@pytest.mark.parametrize("reference", ["first", "last"])
+@pytest.mark.parametrize("reference", [thorough("first"), "last"])
 def test_another_reference_row(clip, reference):
     pictures = clips.luma(straighten(clip, "--model", "dense", "--reference", reference))
     share = {"first": 0.0, "last": two_layers.RATIO}[reference]

@@ -86,7 +86,9 @@ def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("protocol", ["native", "undistorted", thorough("portrait"), "exposure", thorough("attitude")])
-def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path) -> None:
+def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    if protocol != "undistorted":  # whose plots are others than those of the usual protocol
+        request.getfixturevalue("no_plots")
     assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1", "--per-photo", "1") == 0
     page = (tmp_path / "results.md").read_text()
     assert "segment-transformer" in page

@@ -22,6 +22,7 @@ def test_pairs(tmp_path: Path) -> None:
     assert "*ceiling*" in (tmp_path / "out" / "results.md").read_text()
 
 
+@pytest.mark.usefixtures("no_plots")
 def test_pairs_whose_frames_follow_one_another(tmp_path: Path) -> None:
     """What the neighbours say stands beside the estimators, and beside what others published of the same frames."""
     scene, ratio, folder = Scene(speed=(20, 3)), 0.8, tmp_path / "camera"
