@@ -52,6 +52,12 @@ def test_near_and_far_are_dense():
     assert off(result.pixels[board], truth[board]) < 0.8 * off(frames[1][board], truth[board])
 
 
+def test_a_black_frame_says_nothing_of_its_neighbours():
+    _, frames = clip(hand(4), 0.9, frames=4, noise=1)
+    results = list(unshutter.rectify_frames([np.zeros_like(frames[0]), *frames], readout_ratio=0.9, focal_px=FOCAL))
+    assert [result.changed for result in results] == [False, True, True, True, True]
+
+
 @pytest.mark.parametrize(("option", "model"), [({"at": 0.2}, "dense"), ({"edges": "borrow"}, "dense")])
 def test_what_only_one_of_them_can_do_is_done_by_it(option, model):
     _, frames = clip(hand(4), 0.9, frames=3, noise=1)

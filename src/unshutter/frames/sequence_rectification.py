@@ -416,7 +416,7 @@ def better_model(camera: FrameMotion, before: Frame | None, current: Frame, afte
             continue
         tracks = earlier.tracks_to(later)
         missed = camera_misses(camera, tracks, first)
-        if missed <= _LEAST:
+        if missed <= _LEAST or not tracks:  # where nothing can be followed, neither model is better
             continue
         earlier.connect(later)
         if earlier.to_next is None or missed > _LEAST + _WORSE * flow_misses(earlier.to_next.flow, tracks):
