@@ -26,8 +26,8 @@ _LOOKED_AT = 120  # packets from which the usual frame interval is determined
 # FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
 # open any file on this machine, or fetch one.
 _KINDS = (
-    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,nut,"
-    "dv,wtv,yuv4mpegpipe,gif"
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,"
+    "nut,dv,wtv,yuv4mpegpipe,gif"
 )
 _LARGEST_FRAME = 1 << 28  # px; a decoder allocates memory before its frames' size can be checked
 _STATE_SECONDS = ("matroska", "flv", "asf")  # FFmpeg's names of formats whose headers hold the length in seconds
