@@ -1,3 +1,3 @@
-"""Folders of a bundle: the small photos, and the packages that training imports."""
+"""Folders of a bundle: the small photos, others to validate on, places, and the packages that training imports."""
 
-PHOTOS, SOURCES = "photos", "packages"
+PHOTOS, VALIDATION, PLACES, SOURCES = "photos", "validation", "panoramas", "packages"

@@ -14,6 +14,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="training needs torch")
 
+from support.drawn_places import save_place, streets
 from support.small_kandula2020 import DATA, NETWORK
 from unshutter_lab.training.pixels import draw_picture
 from unshutter_lab.training.train import run
@@ -49,20 +50,24 @@ def bundle(tmp_path_factory) -> Path:
 @pytest.fixture
 def config(tmp_path) -> Path:
     tables = {"network": NETWORK, "data": {**DATA, "folder": "photos"}, "loss": {"regress_steps": 4}}
+    path = tmp_path / "small.toml"
+    path.write_text(_text(tables))
+    return path
+
+
+def _text(tables: dict[str, dict]) -> str:
+    """A configuration."""
     text = 'model = "kandula2020"\nsteps = 6\nbatch = 2\nwarmup = 1\nlog_every = 1\n'
     for name, table in tables.items():
-        rows = [f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value}" for key, value in table.items()]
-        text += "\n".join([f"[{name}]", *rows, ""])
-    path = tmp_path / "small.toml"
-    path.write_text(text)
-    return path
+        text += "\n".join([f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items()), ""])
+    return text
 
 
 def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
 
 
-def train(bundle: Path, config: Path, *runs: list[object]) -> str:
+def train(bundle: Path, config: Path | str, *runs: list[object]) -> str:
     """Trains once for each list of words, in one process: torch takes seconds to be imported."""
     words = [[str(word) for word in (GPU / "train.py", bundle, *run, "--configs", config)] for run in runs]
     done = subprocess.run([sys.executable, "-c", _BARE, json.dumps(words)], capture_output=True, text=True)
@@ -83,6 +88,34 @@ def test_a_run_goes_on_from_the_parcels_of_the_run_before(bundle, config, tmp_pa
     assert (folder / "model.onnx").exists()
     log = list(csv.DictReader((folder / "log.csv").read_text().splitlines()))
     assert [row["step"] for row in log] == list("123456")
+
+
+@pytest.mark.thorough
+def test_a_network_that_is_given_minutes_sees_places_and_corners_drawn_meanwhile(tmp_path):
+    save_place(tmp_path / "places" / "yard", streets(1, 64))
+    for folder, count in (("photos", 4), ("val", 2)):
+        (tmp_path / folder).mkdir()
+        for number in range(count):
+            picture = draw_picture(120, number).transpose(1, 2, 0)[..., ::-1]
+            cv2.imwrite(str(tmp_path / folder / f"{number}.png"), picture)
+    words = [
+        tmp_path / "photos",
+        tmp_path / "bundle",
+        "--validation",
+        tmp_path / "val",
+        "--places",
+        tmp_path / "places",
+    ]
+    subprocess.run([sys.executable, GPU / "bundle.py", *words], check=True, env=_environment())
+    data = {**DATA, "folder": "photos", "validation_folder": "val", "drawn_kind": "facades", "drawn_share": 0.5}
+    places = {"folder": "panoramas", "share": 0.3, "drawn": 2, "drawn_share": 0.3, "drawn_side": 32}
+    tables = {"network": NETWORK, "data": data, "data.places": places, "loss": {"regress_only": True}}
+    config = tmp_path / "small.toml"
+    config.write_text(_text(tables))
+    told = train(tmp_path / "bundle", f"{config}:0.1", [tmp_path / "parcels", "--minutes", "5"])
+    assert "corners and towns drawn" in told and (tmp_path / "parcels" / "small.0").exists()
+    steps = int(told.split("small: ")[-1].split()[0])
+    assert f"{steps}/{steps}" in told  # with its rate at zero
 
 
 def test_parcels_hold_what_a_run_needs(tmp_path, monkeypatch):

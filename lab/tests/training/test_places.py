@@ -11,10 +11,11 @@ torch = pytest.importorskip("torch", reason="training needs torch")
 from support.drawn_places import save_place, streets
 from unshutter.errors import UsageError
 from unshutter_lab.synthesis.panorama import Camera, Place, shipped_places
+from unshutter_lab.training.atlases import Atlases
 from unshutter_lab.training.config import from_table
 from unshutter_lab.training.motions import MotionConfig
 from unshutter_lab.training.pixels import PixelConfig, PixelData, Samples, rs_positions, sample
-from unshutter_lab.training.places import PlacesConfig, PlaceViews
+from unshutter_lab.training.places import PlacesConfig, PlaceViews, directions
 from unshutter_lab.training.towns import draw_place
 
 torch.set_num_threads(1)
@@ -89,6 +90,25 @@ def test_the_places_of_the_benchmark_are_never_trained_on(folder: Path, tmp_path
         PlaceViews(PlacesConfig(folder=str(tmp_path), share=0.5))
     save_place(tmp_path / "yard", streets(8, 16))
     assert len(PlaceViews(PlacesConfig(folder=str(tmp_path), share=0.5)).places) == 1
+
+
+def test_a_batch_of_cameras_sees_what_each_of_them_sees_alone(folder: Path) -> None:
+    places = [Place.load(each) for each in sorted(folder.iterdir())] + [Place(streets(3, 48))]  # of two sizes
+    atlases = Atlases(places, CPU)
+    cameras = [
+        Camera.of_view(24, 24, 70, yaw=20, tilt=35),
+        Camera.of_view(24, 24, 45, yaw=200),
+        Camera.of_view(24, 24, 60, roll=9),
+    ]
+    rows = [np.broadcast_to(camera.attitude(), (24, 3, 3)) for camera in cameras]
+    focal = torch.tensor([camera.focal_px for camera in cameras])
+    looks = directions(torch.tensor(np.stack(rows), dtype=torch.float32), focal, 24)
+    seen = atlases.seen(torch.tensor([1, 0, 2]), looks, focal)
+    alone = np.stack([places[k].seen(camera) for k, camera in zip((1, 0, 2), cameras, strict=True)])
+    np.testing.assert_allclose(255 * seen.permute(0, 2, 3, 1), alone, atol=5)  # OpenCV weighs pixels in steps of 1/32
+    atlases.replace(0, places[1])
+    again = atlases.seen(torch.tensor([1, 0]), tuple(each[:1].expand(2, -1, -1) for each in looks), focal[:1].expand(2))
+    torch.testing.assert_close(again[0], again[1])
 
 
 def test_batches_mix_places_photos_and_drawn_places(folder: Path) -> None:

@@ -22,12 +22,13 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.geometry import namespace
 from unshutter.motion.rotations import rotation_matrix
-from unshutter.motion.shapes import Float, Float64, UInt8
+from unshutter.motion.shapes import Array, Float, Float64, UInt8
 
 FACES = ("posx", "negx", "posy", "negy", "posz", "negz")
 _SHIPPED = Path(__file__).parents[1] / "places"
-_LEAST_FINE = 0.75  # pixels of a face for one of the picture, in the middle of both
+LEAST_FINE = 0.75  # pixels of a face for one of the picture, in the middle of both
 _LEAST_SIDE = 32  # of the faces that are halved for pictures of a few pixels
 _BORDER = 1  # px of its neighbours around every face, so that nothing is seen of the seams
 
@@ -94,6 +95,10 @@ class Place:
             faces[name] = np.ascontiguousarray(pixels[..., ::-1])
         return cls(faces)
 
+    def levels(self) -> list[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
+        """Returns the faces at each of their sizes, the largest first: their side [px], and the atlas of all six."""
+        return [(level.side, level.atlas) for level in self._levels]
+
     def seen(
         self, camera: Camera, rows: Float[np.ndarray, "height 3 3"] | None = None
     ) -> UInt8[np.ndarray, "height width 3"]:
@@ -116,7 +121,7 @@ class Place:
         import cv2
 
         # the smallest faces that are nearly as fine as the picture, since larger ones would be sampled too coarsely
-        fine = (level for level in self._levels if level.side / 2 >= _LEAST_FINE * focal_px)
+        fine = (level for level in self._levels if level.side / 2 >= LEAST_FINE * focal_px)
         level = min(fine, key=lambda level: level.side, default=self._levels[0])
         col, row = face_positions(x, y, z, level.side)
         return cv2.remap(level.atlas, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -148,18 +153,22 @@ def row_matrices(motion: Motion, focal_px: float) -> Float64[np.ndarray, "height
 
 
 def paper_matrices(
-    tx_px: Float[np.ndarray, "rows"], rz_rad: Float[np.ndarray, "rows"], focal_px: float, shift_px: float = 0.0
-) -> Float64[np.ndarray, "rows 3 3"]:
+    tx_px: Float[Array, "*at rows"],
+    rz_rad: Float[Array, "*at rows"],
+    focal_px: float | Float[Array, "*at 1"],
+    shift_px: float = 0.0,
+) -> Float[Array, "*at rows 3 3"]:
     """Returns the row matrices of t_x [px] and r_z [rad], about a centre shifted by so many columns."""
-    cosine, sine = np.cos(rz_rad), np.sin(rz_rad)
-    moved, shift = (np.asarray(tx_px) + shift_px) / focal_px, shift_px / focal_px
-    zero, one = np.zeros_like(cosine), np.ones_like(cosine)
+    xp = namespace(rz_rad)
+    cosine, sine = xp.cos(rz_rad), xp.sin(rz_rad)
+    moved, shift = (tx_px + shift_px) / focal_px, shift_px / focal_px
+    zero, one = xp.zeros_like(cosine), xp.ones_like(cosine)
     rows = (
         (cosine, sine, shift - moved * cosine),
         (-sine, cosine, moved * sine),
         (zero, zero, one),
     )
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _directions(matrices: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -173,23 +182,24 @@ def _directions(matrices: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.nd
 
 
 def face_positions(
-    x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], z: Float[np.ndarray, "h w"], side: int
-) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    x: Float[Array, "*b h w"], y: Float[Array, "*b h w"], z: Float[Array, "*b h w"], side: int | Array
+) -> tuple[Float[Array, "*b h w"], Float[Array, "*b h w"]]:
     """Returns (col, row) in the atlas, the column of all faces with their borders, of directions of any length."""
-    size_x, size_y, size_z = np.abs(x), np.abs(y), np.abs(z)
+    xp = namespace(x)
+    size_x, size_y, size_z = xp.abs(x), xp.abs(y), xp.abs(z)
     sideways = (size_x >= size_y) & (size_x >= size_z)
     upright = ~sideways & (size_y >= size_z)
-    largest = np.where(sideways, x, np.where(upright, y, z))
-    scale = (side / 2) / np.abs(largest)
-    sign = np.sign(largest)
-    across = np.where(sideways, -z * sign, np.where(upright, x, x * sign))
-    down = np.where(upright, -z * sign, y)
+    largest = xp.where(sideways, x, xp.where(upright, y, z))
+    scale = (side / 2) / xp.abs(largest)
+    sign = xp.sign(largest)
+    across = xp.where(sideways, -z * sign, xp.where(upright, x, x * sign))
+    down = xp.where(upright, -z * sign, y)
     # y points down: the face above, posy, is the one in the direction of -y
-    face = np.where(sideways, 0.5 - 0.5 * sign, np.where(upright, 2.5 + 0.5 * sign, 4.5 - 0.5 * sign))
+    face = xp.where(sideways, 0.5 - 0.5 * sign, xp.where(upright, 2.5 + 0.5 * sign, 4.5 - 0.5 * sign))
     middle = (side - 1) / 2 + _BORDER
     col = across * scale + middle
     row = down * scale + (middle + face * (side + 2 * _BORDER))
-    return col.astype(np.float32), row.astype(np.float32)
+    return xp.astype(col, xp.float32), xp.astype(row, xp.float32)
 
 
 # (across, down, ahead) of every face as columns in the axes of the place

@@ -53,10 +53,12 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
     if not isinstance(recipe, PixelRecipe):
         raise UsageError(f"{settings.model} does not read pixels")
     generator = torch.Generator().manual_seed(_SEED)
-    print("before:", recipe.validate(Stored(model)))
+    stored = Stored(model)
+    print("before:", recipe.validate(stored))
     network = onnx.load(model)
     if rank:
-        batches = (recipe.pictures(_AT_A_TIME, generator).numpy() for _ in range(_PICTURES // _AT_A_TIME))
+        count = 1 if stored.takes_one else _AT_A_TIME
+        batches = (recipe.pictures(count, generator).numpy() for _ in range(_PICTURES // count))
         narrow(network, batches, rank)
     store_in_fewer_bits(network, eight_bits)
     part = target.with_name(f"{target.name}.part")
@@ -76,11 +78,17 @@ class Stored(nn.Module):
             self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's exceptions have no common base class
             raise UsageError(f"{path} contains no network: {' '.join(str(error).split())}") from None
+        self._is_motion = self._session.get_outputs()[0].name == "motion"
+        self.takes_one = self._session.get_inputs()[0].shape[0] == 1  # picture at a time
 
     def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
-        """Returns the file's output; for kandula2020, which has two, the row map only if requested."""
-        first, *more = map(torch.from_numpy, self._session.run(None, {"rs": rs.numpy()}))
-        return (first, more[0] if rows else None) if more else first
+        """Returns the file's output; for kandula2020 also its row map, if it has one and that is requested."""
+        parts = rs.split(1) if self.takes_one else [rs]
+        answers = [self._session.run(None, {"rs": part.numpy()}) for part in parts]
+        first, *more = (torch.from_numpy(np.concatenate(outputs)) for outputs in zip(*answers, strict=True))
+        if not self._is_motion:
+            return first
+        return first, more[0] if more and rows else None
 
 
 def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None:

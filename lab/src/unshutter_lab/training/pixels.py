@@ -258,13 +258,21 @@ class PixelData:
         pictures, held_out = _training_and_held_out(config)
         drawn = _drawn(config, _DRAWN_SEED) if config.drawn_share else []
         self.photos, self.held_out, self.drawn = (
-            [torch.from_numpy(picture).to(device) for picture in some] for some in (pictures, held_out, drawn)
+            [self.held(picture) for picture in some] for some in (pictures, held_out, drawn)
         )
+
+    def held(self, picture: np.ndarray) -> Tensor:
+        """Returns a picture, uint8 [3, h, w], as this object holds them."""
+        return torch.from_numpy(picture).to(self.device)
 
     def batch(
         self, count: int, generator: torch.Generator, first_photos: int | None = None, *, with_gs: bool = True
     ) -> Samples:
         """Returns new training samples, from all photos or only the first ones; the undistorted pictures if needed."""
+        with torch.autocast(self.device.type, enabled=False):  # half precision is for the network alone
+            return self._batch(count, generator, first_photos, with_gs=with_gs)
+
+    def _batch(self, count: int, generator: torch.Generator, first_photos: int | None, *, with_gs: bool) -> Samples:
         of_places = sum(numbers := self.places.share_of(count, generator)) if self.places else 0
         parts = []
         if of_places < count:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from unshutter.errors import UsageError
 from unshutter.motion.rotations import rotation_matrix
-from unshutter_lab.synthesis.panorama import Camera, Place, paper_matrices, places_in, shipped_places
+from unshutter_lab.synthesis.panorama import Place, paper_matrices, places_in, shipped_places
+from unshutter_lab.training.atlases import Atlases
 from unshutter_lab.training.motions import KINDS, Dice, MotionConfig, draw_kind
 from unshutter_lab.training.towns import draw_place
 from unshutter_lab.training.variation import check_shares
@@ -55,14 +55,19 @@ class PlacesConfig:
 
 
 @dataclass(frozen=True)
-class _Attitudes:
-    """What a batch of cameras needs: drawn numbers, each [B] or [B, tries]."""
+class _Cameras:
+    attitude: Tensor  # [B, 3, 3] from the camera's axes to those of the place
+    focal_px: Tensor  # [B]
 
-    yaw: list[list[float]]
-    tilt: list[list[float]]
-    roll: list[float]
-    view: list[float]
-    mirrored: list[bool]
+
+@dataclass(frozen=True)
+class _Moves:
+    """Coefficients [B, 3] of u, u^2, u^3 of some motions."""
+
+    tx: Tensor  # in rows of the picture
+    rz: Tensor  # rad
+    up: Tensor  # in rows of the picture
+    turns: Tensor  # [B] whether the camera turns about all three axes; else these are the paper's t_x and r_z
 
 
 class PlaceViews:
@@ -76,6 +81,7 @@ class PlaceViews:
         if config.folder and not self.places:
             raise UsageError(f"[data.places]: {config.folder} holds no places but those of the benchmark")
         self.drawn = [Place(draw_place(config.drawn_side, _DRAWN_SEED + k)) for k in range(config.drawn)]
+        self._held: Atlases | None = None
 
     def share_of(self, count: int, generator: torch.Generator) -> tuple[int, int]:
         """Returns how many samples of a batch show places, and how many drawn ones."""
@@ -95,33 +101,46 @@ class PlaceViews:
             t_x [px] and r_z [rad] as in Samples.
         """
         count = len(drawn)
-        tx, rz, up, turns = self._motions(count, generator, motions)
-        attitudes = self._attitudes(count, generator)
-        which = Dice(generator, count).each().tolist()
-        rs, gs, labels = [], [], []
-        for k, is_drawn in enumerate(drawn):
-            supply = self.drawn if is_drawn else self.places
-            place = supply[int(which[k] * len(supply))]
-            camera = _camera(place, attitudes, k, size)
-            rows, label = _rows(tx[k] * size, up[k] * size, rz[k], size, camera.focal_px, bool(turns[k]))
-            sides = -1 if attitudes.mirrored[k] else 1
-            rs.append(place.seen(camera, rows)[:, ::sides])
-            labels.append(sides * label)
-            if with_gs:
-                gs.append(place.seen(camera)[:, ::sides])
-        device = generator.device
-        coefficients = torch.from_numpy(np.stack(labels)).float().to(device)
-        undistorted = _as_pictures(gs, device) if with_gs else torch.zeros(count, 3, 0, 0, device=device)
-        return _as_pictures(rs, device), undistorted, coefficients[:, 0], coefficients[:, 1]
+        moves = self._motions(count, generator, motions)
+        which = self._which(drawn, generator)
+        cameras = self._cameras(which, size, generator)
+        matrices, tx, rz = _rows(moves, cameras.focal_px, size)
+        mirrored = Dice(generator, count).happens(0.5)
+        sides = 1 - 2 * mirrored.float()[:, None]
+        rs = _mirrored(self._seen(which, cameras, matrices, size), mirrored)
+        gs = rs[..., :0, :0]
+        if with_gs:
+            standing = torch.eye(3, device=rs.device).expand(count, size, 3, 3)
+            gs = _mirrored(self._seen(which, cameras, standing, size), mirrored)
+        return rs, gs, sides * tx, sides * rz
 
-    def _motions(
-        self, count: int, generator: torch.Generator, config: MotionConfig
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Returns coefficients [B, 3] of t_x, r_z and of the motion upwards [rows], and whether the camera turns."""
+    def _which(self, drawn: list[bool], generator: torch.Generator) -> Tensor:
+        """Returns [B] numbers of places, or of drawn ones, which follow the places."""
+        is_drawn = torch.tensor(drawn, device=generator.device)
+        counts = torch.where(is_drawn, len(self.drawn), len(self.places))
+        chosen = (Dice(generator, len(drawn)).each() * counts).long()
+        return chosen + is_drawn * len(self.places)
+
+    def _seen(self, which: Tensor, cameras: _Cameras, matrices: Tensor, size: int) -> Tensor:
+        looks = directions(cameras.attitude[:, None] @ matrices, cameras.focal_px, size)
+        return self._atlases(which.device).seen(which, looks, cameras.focal_px)
+
+    def _atlases(self, device: torch.device) -> Atlases:
+        if self._held is None:
+            self._held = Atlases([*self.places, *self.drawn], device)
+        return self._held
+
+    def draw_anew(self, number: int, place: Place) -> None:
+        """Replaces a drawn place by another of the same size."""
+        self.drawn[number] = place
+        if self._held is not None:
+            self._held.replace(len(self.places) + number, self.drawn[number])
+
+    def _motions(self, count: int, generator: torch.Generator, config: MotionConfig) -> _Moves:
         dice = Dice(generator, count)
         die = dice.each()
-        edges = torch.tensor([1 - config.hand - config.pan, 1 - config.pan])
-        kind = torch.bucketize(die, edges.to(die.device), right=True)  # index in KINDS
+        edges = torch.tensor([1 - config.hand - config.pan, 1 - config.pan], device=die.device)
+        kind = torch.bucketize(die, edges, right=True)  # index in KINDS
         tx, rz, up = (torch.zeros(count, 3, device=generator.device) for _ in range(3))
         for number, name in enumerate(KINDS):
             of_kind = (kind == number)[:, None]
@@ -130,51 +149,74 @@ class PlaceViews:
             spread = torch.tensor(_UPWARDS.get(name, (0.0, 0.0, 0.0)), device=generator.device)
             up = torch.where(of_kind, dice.normal(3) * spread, up)
         moves = 1.0 - dice.happens(self.config.still).float()[:, None]
-        scaled = [(moves * each).double().cpu().numpy() for each in (tx, rz, up)]
-        return scaled[0], scaled[1], scaled[2], (kind > 0).cpu().numpy()
+        return _Moves(moves * tx, moves * rz, moves * up, kind > 0)
 
-    def _attitudes(self, count: int, generator: torch.Generator) -> _Attitudes:
+    def _cameras(self, which: Tensor, size: int, generator: torch.Generator) -> _Cameras:
+        """Returns cameras that see more than the sky, if a few tries find any."""
+        count = len(which)
         config, dice = self.config, Dice(generator, count)
         upwards = config.steepest * dice.each(_TRIES)
         tilt = torch.where(dice.happens(config.looking_up)[:, None], upwards, config.tilt * dice.normal(_TRIES))
         roll = config.roll * dice.normal() * torch.where(dice.happens(config.askew), 5.0, 1.0)
         view = dice.between(config.narrowest, config.widest)
         yaw = dice.between(0, 360, _TRIES)
-        return _Attitudes(yaw.tolist(), tilt.tolist(), roll.tolist(), view.tolist(), dice.happens(0.5).tolist())
+        attitude = _attitude(yaw, tilt, torch.zeros_like(yaw))  # [B, tries, 3, 3]
+        thumbnails = self._thumbnails(which, view, attitude)
+        rich = thumbnails.flatten(2).std(2) * 255 > _LEAST_CONTRAST
+        rich[:, -1] = True
+        chosen = rich.int().argmax(1)  # the first of them
+        first = torch.arange(count, device=which.device)
+        return _Cameras(_attitude(yaw[first, chosen], tilt[first, chosen], roll), _focal_px(view, size))
+
+    def _thumbnails(self, which: Tensor, view: Tensor, attitude: Tensor) -> Tensor:
+        tries = attitude.shape[1]
+        cameras = _Cameras(attitude.flatten(0, 1), _focal_px(view, _THUMBNAIL).repeat_interleave(tries))
+        standing = torch.eye(3, device=view.device).expand(len(cameras.focal_px), _THUMBNAIL, 3, 3)
+        seen = self._seen(which.repeat_interleave(tries), cameras, standing, _THUMBNAIL)
+        return seen.unflatten(0, (-1, tries))
 
 
-def _camera(place: Place, attitudes: _Attitudes, k: int, size: int) -> Camera:
-    """Returns the first of some cameras that sees more than the sky."""
-    roll, view = attitudes.roll[k], attitudes.view[k]
-    yaw, tilt = attitudes.yaw[k][0], attitudes.tilt[k][0]
-    for yaw, tilt in zip(attitudes.yaw[k], attitudes.tilt[k], strict=True):
-        if place.seen(Camera.of_view(_THUMBNAIL, _THUMBNAIL, view, yaw=yaw, tilt=tilt)).std() > _LEAST_CONTRAST:
-            break
-    return Camera.of_view(size, size, view, yaw=yaw, tilt=tilt, roll=roll)
+def _focal_px(view: Tensor, size: int) -> Tensor:
+    return size / 2 / torch.tan(torch.deg2rad(view) / 2)
 
 
-def _rows(
-    tx: np.ndarray, up: np.ndarray, rz: np.ndarray, size: int, focal_px: float, turns: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the row matrices of a motion with coefficients [3] of u, u^2, u^3, and its label [2, 4]."""
-    u = np.arange(size) / size
-    powers = np.stack([u, u**2, u**3], -1)  # [rows, 3]
-    if not turns:
-        return paper_matrices(powers @ tx, powers @ rz, focal_px), np.stack([_from_u(tx), _from_u(rz)])
-    angles = np.stack([np.arctan(powers @ up / focal_px), np.arctan(powers @ tx / focal_px), powers @ rz], -1)
-    matrices = rotation_matrix(angles)
-    moved = focal_px * matrices[:, 0, 2] / matrices[:, 2, 2]
-    turned = np.arctan2(-matrices[:, 0, 1], matrices[:, 1, 1])
-    fit = np.linalg.lstsq(powers, np.stack([moved, turned], -1), rcond=None)[0]
-    return matrices.transpose(0, 2, 1), np.stack([_from_u(fit[:, 0]), _from_u(fit[:, 1])])
+def _attitude(yaw: Tensor, tilt: Tensor, roll: Tensor) -> Tensor:
+    """Returns rotations [..., 3, 3] from the cameras' axes to those of the place, as ``Camera.attitude`` does."""
+    zero = torch.zeros_like(yaw)
+    turns = (torch.stack(angles, -1) for angles in ((zero, yaw, zero), (tilt, zero, zero), (zero, zero, roll)))
+    about_y, about_x, about_z = (rotation_matrix(torch.deg2rad(turn)) for turn in turns)
+    return about_y @ about_x @ about_z
 
 
-def _from_u(coefficients: np.ndarray) -> np.ndarray:
+def _rows(moves: _Moves, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns row matrices [B, size, 3, 3], and the labels: coefficients [B, 4] of t_x [px] and r_z [rad]."""
+    u = torch.arange(size, dtype=torch.float64, device=focal_px.device) / size
+    powers = torch.stack([u, u**2, u**3])  # [3, rows]
+    focal = focal_px.double()[:, None]
+    tx, rz, up = (each.double() @ powers for each in (moves.tx * size, moves.rz, moves.up * size))
+    turned = rotation_matrix(torch.stack([torch.arctan(up / focal), torch.arctan(tx / focal), rz], -1))
+    moved_px = focal * turned[..., 0, 2] / turned[..., 2, 2]
+    angle = torch.arctan2(-turned[..., 0, 1], turned[..., 1, 1])
+    nearest = torch.linalg.pinv(powers)
+    turns = moves.turns[:, None]
+    label_tx = torch.where(turns, moved_px @ nearest, moves.tx * size)
+    label_rz = torch.where(turns, angle @ nearest, moves.rz)
+    matrices = torch.where(turns[..., None, None], turned.transpose(-1, -2), paper_matrices(tx, rz, focal))
+    return matrices.float(), _from_u(label_tx), _from_u(label_rz)
+
+
+def _from_u(coefficients: Tensor) -> Tensor:
     """Adds the coefficient of u^0, which is zero."""
-    return np.concatenate([[0.0], coefficients])
+    return torch.nn.functional.pad(coefficients.float(), (1, 0))
 
 
-def _as_pictures(pictures: list[np.ndarray], device: torch.device) -> Tensor:
-    """[B, 3, h, w] in 0 ... 1 of uint8 [h, w, 3] each."""
-    stacked = np.ascontiguousarray(np.stack(pictures).transpose(0, 3, 1, 2))
-    return torch.from_numpy(stacked).to(device).float().div_(255)
+def directions(matrices: Tensor, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns x, y, z [B, size, size] of the directions in which pixels look, for matrices [B, size, 3, 3]."""
+    line = (torch.arange(size, device=focal_px.device) - (size - 1) / 2) / focal_px[:, None]  # [B, size]
+    start = matrices[..., 1] * line[..., None] + matrices[..., 2]
+    x, y, z = (matrices[..., k, 0, None] * line[:, None] + start[..., k, None] for k in range(3))
+    return x, y, z
+
+
+def _mirrored(pictures: Tensor, mirrored: Tensor) -> Tensor:
+    return torch.where(mirrored[:, None, None, None], pictures.flip(-1), pictures)

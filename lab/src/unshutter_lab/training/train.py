@@ -17,6 +17,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
@@ -136,6 +137,7 @@ class Trainer:
         self.optimiser = make_optimiser(self.network, config)
         self._in_half = config.bfloat16 and _is_fast_at_half(device)
         self.step, self.seconds = 0, 0.0
+        self.before_step: Callable[[], None] | None = None  # what a caller wants to be done, such as new pictures
         self._resume()
 
     def train(self, minutes: float | None = None) -> bool:
@@ -144,6 +146,8 @@ class Trainer:
         before, first = self.seconds, self.step + 1
         with TrainingLog(self.folder / LOG, self.step, self.config.steps) as log, _Interrupt() as interrupt:
             while self.step < self.config.steps:
+                if self.before_step is not None:
+                    self.before_step()
                 figures = self._one_step()
                 self.seconds = before + time.monotonic() - started
                 if self.step == first:
@@ -266,10 +270,15 @@ def load_checkpoint(path: Path, config: TrainConfig, device: torch.device) -> di
 
 
 def _identity(table: dict[str, Any]) -> dict[str, Any]:
-    """Returns the settings that identify a run: all but its length and the location of its photos."""
+    """Returns the settings that identify a run: all but its length and the location of its pictures."""
     whole = {**asdict(TrainConfig(table["model"])), **table}  # older checkpoints lack newer settings
-    whole["data"] = {name: value for name, value in whole["data"].items() if name != "folder"}
+    whole["data"] = {name: value for name, value in whole["data"].items() if name not in _LOCATIONS}
+    if "places" in whole["data"]:
+        whole["data"]["places"] = {**whole["data"]["places"], "folder": ""}
     return {name: value for name, value in whole.items() if name not in ("steps", "keep_at")}
+
+
+_LOCATIONS = ("folder", "validation_folder")
 
 
 class TrainingLog:
