@@ -10,12 +10,12 @@ torch = pytest.importorskip("torch", reason="training needs torch")
 
 from support.drawn_places import save_place, streets
 from unshutter.errors import UsageError
-from unshutter_lab.synthesis.panorama import Camera, Place, shipped_places
+from unshutter_lab.synthesis.panorama import Camera, Place, pixel_directions, shipped_places
 from unshutter_lab.training.atlases import Atlases
 from unshutter_lab.training.config import from_table
 from unshutter_lab.training.motions import MotionConfig
 from unshutter_lab.training.pixels import PixelConfig, PixelData, Samples, rs_positions, sample
-from unshutter_lab.training.places import PlacesConfig, PlaceViews, directions
+from unshutter_lab.training.places import PlacesConfig, PlaceViews
 from unshutter_lab.training.towns import draw_place
 
 torch.set_num_threads(1)
@@ -102,7 +102,7 @@ def test_a_batch_of_cameras_sees_what_each_of_them_sees_alone(folder: Path) -> N
     ]
     rows = [np.broadcast_to(camera.attitude(), (24, 3, 3)) for camera in cameras]
     focal = torch.tensor([camera.focal_px for camera in cameras])
-    looks = directions(torch.tensor(np.stack(rows), dtype=torch.float32), focal, 24)
+    looks = pixel_directions(torch.tensor(np.stack(rows), dtype=torch.float32), focal[:, None], 24)
     seen = atlases.seen(torch.tensor([1, 0, 2]), looks, focal)
     alone = np.stack([places[k].seen(camera) for k, camera in zip((1, 0, 2), cameras, strict=True)])
     np.testing.assert_allclose(255 * seen.permute(0, 2, 3, 1), alone, atol=5)  # OpenCV weighs pixels in steps of 1/32

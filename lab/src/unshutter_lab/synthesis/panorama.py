@@ -24,7 +24,7 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.geometry import namespace
 from unshutter.motion.rotations import rotation_matrix
-from unshutter.motion.shapes import Array, Float, Float64, UInt8
+from unshutter.motion.shapes import Array, Float, Float32, Float64, UInt8
 
 FACES = ("posx", "negx", "posy", "negy", "posz", "negz")
 _SHIPPED = Path(__file__).parents[1] / "places"
@@ -55,9 +55,7 @@ class Camera:
         The camera rolls about its own axis, then tilts, then turns about the vertical: without roll, the verticals of
         the place remain upright in the middle of the picture, whatever yaw and tilt are.
         """
-        yaw, tilt, roll = np.radians([self.yaw, self.tilt, self.roll])
-        about_y, about_x, about_z = rotation_matrix(np.array([[0, yaw, 0], [tilt, 0, 0], [0, 0, roll]]))
-        return about_y @ about_x @ about_z
+        return attitude_matrix(*np.radians([self.yaw, self.tilt, self.roll]))
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,8 @@ class Place:
             rows: the row matrices of a motion; None for a camera that stands still.
         """
         matrices = np.broadcast_to(np.eye(3), (camera.height, 3, 3)) if rows is None else rows
-        return self._along(*_directions(camera.attitude() @ matrices, camera), camera.focal_px)
+        looks = pixel_directions(camera.attitude() @ matrices, camera.focal_px, camera.width)
+        return self._along(*looks, camera.focal_px)
 
     def along(
         self, directions: Float[np.ndarray, "height width 3"], focal_px: float
@@ -171,13 +170,30 @@ def paper_matrices(
     return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _directions(matrices: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns x, y, z of the directions [h, w] in which a camera's pixels look, for matrices [h, 3, 3]; float32."""
-    across = ((np.arange(camera.width) - (camera.width - 1) / 2) / camera.focal_px).astype(np.float32)
-    down = (np.arange(camera.height) - (camera.height - 1) / 2) / camera.focal_px
-    slope = matrices[:, :, 0].astype(np.float32)
-    start = (matrices[:, :, 1] * down[:, None] + matrices[:, :, 2]).astype(np.float32)
-    x, y, z = (slope[:, k, None] * across + start[:, k, None] for k in range(3))
+def attitude_matrix(
+    yaw: Float[Array, "*at"], tilt: Float[Array, "*at"], roll: Float[Array, "*at"]
+) -> Float[Array, "*at 3 3"]:
+    """Returns rotations from cameras' axes to those of the place (:meth:`Camera.attitude`); angles in rad."""
+    xp = namespace(yaw)
+    zero = xp.zeros_like(yaw)
+    about_y = rotation_matrix(xp.stack([zero, yaw, zero], axis=-1))
+    about_x = rotation_matrix(xp.stack([tilt, zero, zero], axis=-1))
+    about_z = rotation_matrix(xp.stack([zero, zero, roll], axis=-1))
+    return about_y @ about_x @ about_z
+
+
+def pixel_directions(
+    matrices: Float[Array, "*at height 3 3"], focal_px: float | Float[Array, "*at 1"], width: int
+) -> tuple[Float32[Array, "*at height width"], Float32[Array, "*at height width"], Float32[Array, "*at height width"]]:
+    """Returns x, y, z of the directions in which a camera's pixels look, for the matrix of each of its rows."""
+    xp = namespace(matrices)
+    height = matrices.shape[-3]
+    rows, cols = (xp.arange(n, dtype=matrices.dtype, device=matrices.device) for n in (height, width))
+    across = xp.astype((cols - (width - 1) / 2) / focal_px, xp.float32)
+    down = (rows - (height - 1) / 2) / focal_px
+    slope = xp.astype(matrices[..., 0], xp.float32)
+    start = xp.astype(matrices[..., 1] * down[..., None] + matrices[..., 2], xp.float32)
+    x, y, z = (slope[..., k, None] * across[..., None, :] + start[..., k, None] for k in range(3))
     return x, y, z
 
 

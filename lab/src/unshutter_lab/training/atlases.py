@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from unshutter.motion.shapes import UInt8
 from unshutter_lab.synthesis.panorama import LEAST_FINE, Place, face_positions
 
 
@@ -14,9 +16,12 @@ class Atlases:
     def __init__(self, places: list[Place], device: torch.device):
         self._pixels = torch.cat([_flat(atlas) for place in places for _, atlas in place.levels()]).to(device)
         most = max(len(place.levels()) for place in places)
-        first, sides, start = [], [], 0
+        first = []
+        sides = []
+        start = 0
         for place in places:
-            starts, own = [], []
+            starts = []
+            own = []
             for side, atlas in place.levels():
                 starts.append(start)
                 own.append(side)
@@ -29,7 +34,7 @@ class Atlases:
 
     def replace(self, number: int, place: Place) -> None:
         """Puts a place where another of the same size was."""
-        for (_, atlas), start in zip(place.levels(), self._first[number].tolist(), strict=False):
+        for (_, atlas), start in zip(place.levels(), self._first[number].tolist(), strict=False):  # padded
             pixels = _flat(atlas)
             self._pixels[start : start + len(pixels)] = pixels.to(self._pixels.device)
 
@@ -60,5 +65,5 @@ class Atlases:
         return seen.permute(0, 3, 1, 2).contiguous().div_(255)
 
 
-def _flat(atlas) -> Tensor:
+def _flat(atlas: UInt8[np.ndarray, "h w 3"]) -> Tensor:
     return torch.from_numpy(atlas).reshape(-1, 3)

@@ -57,7 +57,7 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
     print("before:", recipe.validate(stored))
     network = onnx.load(model)
     if rank:
-        count = 1 if stored.takes_one else _AT_A_TIME
+        count = 1 if stored.one_at_a_time else _AT_A_TIME
         batches = (recipe.pictures(count, generator).numpy() for _ in range(_PICTURES // count))
         narrow(network, batches, rank)
     store_in_fewer_bits(network, eight_bits)
@@ -79,11 +79,11 @@ class Stored(nn.Module):
         except Exception as error:  # onnxruntime's exceptions have no common base class
             raise UsageError(f"{path} contains no network: {' '.join(str(error).split())}") from None
         self._is_motion = self._session.get_outputs()[0].name == "motion"
-        self.takes_one = self._session.get_inputs()[0].shape[0] == 1  # picture at a time
+        self.one_at_a_time = self._session.get_inputs()[0].shape[0] == 1
 
     def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
         """Returns the file's output; for kandula2020 also its row map, if it has one and that is requested."""
-        parts = rs.split(1) if self.takes_one else [rs]
+        parts = rs.split(1) if self.one_at_a_time else [rs]
         answers = [self._session.run(None, {"rs": part.numpy()}) for part in parts]
         first, *more = (torch.from_numpy(np.concatenate(outputs)) for outputs in zip(*answers, strict=True))
         if not self._is_motion:

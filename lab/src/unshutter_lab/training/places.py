@@ -14,7 +14,14 @@ from torch import Tensor
 
 from unshutter.errors import UsageError
 from unshutter.motion.rotations import rotation_matrix
-from unshutter_lab.synthesis.panorama import Place, paper_matrices, places_in, shipped_places
+from unshutter_lab.synthesis.panorama import (
+    Place,
+    attitude_matrix,
+    paper_matrices,
+    pixel_directions,
+    places_in,
+    shipped_places,
+)
 from unshutter_lab.training.atlases import Atlases
 from unshutter_lab.training.motions import KINDS, Dice, MotionConfig, draw_kind
 from unshutter_lab.training.towns import draw_place
@@ -122,7 +129,7 @@ class PlaceViews:
         return chosen + is_drawn * len(self.places)
 
     def _seen(self, which: Tensor, cameras: _Cameras, matrices: Tensor, size: int) -> Tensor:
-        looks = directions(cameras.attitude[:, None] @ matrices, cameras.focal_px, size)
+        looks = pixel_directions(cameras.attitude[:, None] @ matrices, cameras.focal_px[:, None], size)
         return self._atlases(which.device).seen(which, looks, cameras.focal_px)
 
     def _atlases(self, device: torch.device) -> Atlases:
@@ -160,13 +167,14 @@ class PlaceViews:
         roll = config.roll * dice.normal() * torch.where(dice.happens(config.askew), 5.0, 1.0)
         view = dice.between(config.narrowest, config.widest)
         yaw = dice.between(0, 360, _TRIES)
-        attitude = _attitude(yaw, tilt, torch.zeros_like(yaw))  # [B, tries, 3, 3]
+        yaw, tilt, roll = (torch.deg2rad(angle) for angle in (yaw, tilt, roll))
+        attitude = attitude_matrix(yaw, tilt, torch.zeros_like(yaw))  # [B, tries, 3, 3]
         thumbnails = self._thumbnails(which, view, attitude)
         rich = thumbnails.flatten(2).std(2) * 255 > _LEAST_CONTRAST
         rich[:, -1] = True
         chosen = rich.int().argmax(1)  # the first of them
         first = torch.arange(count, device=which.device)
-        return _Cameras(_attitude(yaw[first, chosen], tilt[first, chosen], roll), _focal_px(view, size))
+        return _Cameras(attitude_matrix(yaw[first, chosen], tilt[first, chosen], roll), _focal_px(view, size))
 
     def _thumbnails(self, which: Tensor, view: Tensor, attitude: Tensor) -> Tensor:
         tries = attitude.shape[1]
@@ -178,14 +186,6 @@ class PlaceViews:
 
 def _focal_px(view: Tensor, size: int) -> Tensor:
     return size / 2 / torch.tan(torch.deg2rad(view) / 2)
-
-
-def _attitude(yaw: Tensor, tilt: Tensor, roll: Tensor) -> Tensor:
-    """Returns rotations [..., 3, 3] from the cameras' axes to those of the place, as ``Camera.attitude`` does."""
-    zero = torch.zeros_like(yaw)
-    turns = (torch.stack(angles, -1) for angles in ((zero, yaw, zero), (tilt, zero, zero), (zero, zero, roll)))
-    about_y, about_x, about_z = (rotation_matrix(torch.deg2rad(turn)) for turn in turns)
-    return about_y @ about_x @ about_z
 
 
 def _rows(moves: _Moves, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -208,14 +208,6 @@ def _rows(moves: _Moves, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, T
 def _from_u(coefficients: Tensor) -> Tensor:
     """Adds the coefficient of u^0, which is zero."""
     return torch.nn.functional.pad(coefficients.float(), (1, 0))
-
-
-def directions(matrices: Tensor, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns x, y, z [B, size, size] of the directions in which pixels look, for matrices [B, size, 3, 3]."""
-    line = (torch.arange(size, device=focal_px.device) - (size - 1) / 2) / focal_px[:, None]  # [B, size]
-    start = matrices[..., 1] * line[..., None] + matrices[..., 2]
-    x, y, z = (matrices[..., k, 0, None] * line[:, None] + start[..., k, None] for k in range(3))
-    return x, y, z
 
 
 def _mirrored(pictures: Tensor, mirrored: Tensor) -> Tensor:

@@ -37,6 +37,7 @@ from unshutter_lab.training.recipes import make_recipe
 CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
 MODELS = ("model.npz", "model.onnx")  # of recipes (Recipe.model_file)
 PART = "checkpoint.part"  # next to a checkpoint while it is being written
+_LOCATIONS = ("folder", "validation_folder")  # settings of [data] that say where pictures are
 
 
 def make_optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
@@ -276,9 +277,6 @@ def _identity(table: dict[str, Any]) -> dict[str, Any]:
     if "places" in whole["data"]:
         whole["data"]["places"] = {**whole["data"]["places"], "folder": ""}
     return {name: value for name, value in whole.items() if name not in ("steps", "keep_at")}
-
-
-_LOCATIONS = ("folder", "validation_folder")
 
 
 class TrainingLog:
