@@ -19,14 +19,15 @@ _TOWNS = 4  # every fourth is a town
 _CORNERS = 300, 8000  # held at the start, and at most
 _PLACES = 64  # towns held
 _AHEAD = 60  # pictures that a process may be ahead
+_PATIENCE_S = 120.0  # for one picture: if none comes, the processes have ended
 _AT_A_TIME = 2  # taken before a step: each of them costs time in which nothing is learned
 
 
 class Drawing:
     """Processes that draw, each with seeds of its own."""
 
-    def __init__(self, canvas: int, side: int, processes: int = 0):
-        count = processes or max((os.cpu_count() or 2) - 1, 1)
+    def __init__(self, canvas: int, side: int):
+        count = max((os.cpu_count() or 2) - 1, 1)
         context = multiprocessing.get_context("spawn")
         self._drawn: Any = context.Queue(_AHEAD * count)
         self._corners: list[Tensor] = []
@@ -45,7 +46,7 @@ class Drawing:
         if data.places is not None:
             data.places.drawn = self._towns
         while len(self._corners) < _CORNERS[0] or len(self._towns) < _PLACES:
-            drawn = self._drawn.get()
+            drawn = self._drawn.get(timeout=_PATIENCE_S)
             if isinstance(drawn, Place):
                 self._towns.append(drawn)
             else:

@@ -79,8 +79,12 @@ def start_drawing(given: argparse.Namespace) -> Drawing | None:
         return None
     from drawing import Drawing
 
-    data = settings_of(names[0], given).data
-    return Drawing(data["canvas"], data["places"]["drawn_side"])
+    sizes = {
+        (data["canvas"], data["places"]["drawn_side"]) for data in (settings_of(name, given).data for name in names)
+    }
+    if len(sizes) > 1:
+        sys.exit(f"{', '.join(names)}: networks that are given minutes share what is drawn, so their sizes must agree")
+    return Drawing(*sizes.pop())
 
 
 def train(wanted: str, given: argparse.Namespace, minutes: float, runs: Path, drawing: Drawing | None) -> None:
@@ -114,11 +118,11 @@ def train(wanted: str, given: argparse.Namespace, minutes: float, runs: Path, dr
     if before >= settings.steps:
         return
     print(f"{name}: prepared in {since - began:.0f} s", flush=True)
+    left = minutes - (since - began) / 60
     if own_minutes is not None and drawing is not None:
-        left = min(own_minutes, minutes) - (since - began) / 60
-        finished = train_for(trainer, drawing, left, minutes - (since - began) / 60)
+        finished = train_for(trainer, drawing, min(own_minutes, left), left)
     else:
-        finished = trainer.train(minutes - (since - began) / 60)
+        finished = trainer.train(left)
     done = trainer.step - before
     seconds = time.monotonic() - since
     print(f"{name}: {done} steps, {done * settings.batch / max(seconds, 1e-9):.0f} samples/s", flush=True)

@@ -1,7 +1,7 @@
 """Makes runs of the parcels that a lent machine gave back: RUNS/NAME with its checkpoint and log.
 
 python lab/benchmarks/gpu/unpack.py PARCELS RUNS
-unshutter train --config NAME --out RUNS --photos FOLDER    # of a finished run it only writes model.onnx
+unshutter train --config NAME --steps STEPS --out RUNS --photos FOLDER    # of a finished run it only writes model.onnx
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import parcels
+import torch
 
 
 def main() -> None:
@@ -18,7 +19,8 @@ def main() -> None:
     folder, runs = map(Path, sys.argv[1:])
     for name in parcels.names(folder):
         parcels.unpack(name, folder, runs)
-        print(runs / name)
+        steps = torch.load(runs / name / parcels.CHECKPOINT, weights_only=True)["step"]
+        print(f"{runs / name}: {steps} steps")
 
 
 if __name__ == "__main__":

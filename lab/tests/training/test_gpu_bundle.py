@@ -91,7 +91,7 @@ def test_a_run_goes_on_from_the_parcels_of_the_run_before(bundle, config, tmp_pa
 
 
 @pytest.mark.thorough
-def test_a_network_that_is_given_minutes_sees_places_and_corners_drawn_meanwhile(tmp_path):
+def test_a_network_that_is_given_minutes_sees_places_and_corners_drawn_meanwhile(tmp_path, monkeypatch, capsys):
     save_place(tmp_path / "places" / "yard", streets(1, 64))
     for folder, count in (("photos", 4), ("val", 2)):
         (tmp_path / folder).mkdir()
@@ -116,6 +116,15 @@ def test_a_network_that_is_given_minutes_sees_places_and_corners_drawn_meanwhile
     assert "corners and towns drawn" in told and (tmp_path / "parcels" / "small.0").exists()
     steps = int(told.split("small: ")[-1].split()[0])
     assert f"{steps}/{steps}" in told  # with its rate at zero
+    monkeypatch.syspath_prepend(str(GPU))
+    monkeypatch.setattr(sys, "argv", ["unpack", str(tmp_path / "parcels"), str(tmp_path / "runs")])
+    runpy.run_path(str(GPU / "unpack.py"), run_name="__main__")
+    assert f"{steps} steps" in capsys.readouterr().out
+    (tmp_path / "places").rename(tmp_path / "panoramas")
+    monkeypatch.chdir(tmp_path)
+    folder = run(config, tmp_path / "runs", steps, "cpu", photos=tmp_path / "photos")  # at home, with other folders
+    assert (folder / "model.onnx").exists()
+    assert len((folder / "log.csv").read_text().splitlines()) == steps + 1  # not a step more
 
 
 def test_parcels_hold_what_a_run_needs(tmp_path, monkeypatch):
