@@ -91,10 +91,14 @@ def test_weights_beyond_16_bits_stay_as_they_are() -> None:
     np.testing.assert_array_equal(answer_of(model, given), before)
 
 
+ONE_PICTURE = SMALL.replace("row_width = 4\nlooks = 2", "row_layers = 0\nshown = 64")  # as the shipped one is exported
+
+
 @pytest.mark.thorough
-def test_a_run_becomes_a_small_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("text", [SMALL, ONE_PICTURE], ids=["any batch", "one picture"])
+def test_a_run_becomes_a_small_file(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / "small.toml"
-    config.write_text(SMALL)
+    config.write_text(text)
     folder = run(config, tmp_path / "runs")
     compact(folder / "model.onnx", config, None, rank=8, eight_bits=True, target=tmp_path / "compact.onnx")
     assert (tmp_path / "compact.onnx").stat().st_size < 0.7 * (folder / "model.onnx").stat().st_size
@@ -106,6 +110,9 @@ def test_a_run_becomes_a_small_file(tmp_path: Path, capsys: pytest.CaptureFixtur
         for path in (folder / "model.onnx", tmp_path / "compact.onnx")
     )
     np.testing.assert_allclose(small, whole, atol=0.05 * np.abs(whole).max())
+    config.write_text(text.replace("= 64", "= 128").replace("= 88", "= 152"))
+    with pytest.raises(UsageError, match=r"reads pictures of 64 px, the configuration trains on 128 px"):
+        compact(folder / "model.onnx", config, None, 8, False, tmp_path / "other.onnx")
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,9 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
         raise UsageError(f"{settings.model} does not read pixels")
     generator = torch.Generator().manual_seed(_SEED)
     stored = Stored(model)
+    if stored.size != recipe.data.config.size:
+        sizes = f"{model} reads pictures of {stored.size} px, the configuration trains on {recipe.data.config.size} px"
+        raise UsageError(f"{sizes}: give the configuration of the same size")
     print("before:", recipe.validate(stored))
     network = onnx.load(model)
     if rank:
@@ -79,7 +82,8 @@ class Stored(nn.Module):
         except Exception as error:  # onnxruntime's exceptions have no common base class
             raise UsageError(f"{path} contains no network: {' '.join(str(error).split())}") from None
         self._is_motion = self._session.get_outputs()[0].name == "motion"
-        self.one_at_a_time = self._session.get_inputs()[0].shape[0] == 1
+        batch, *_, self.size = self._session.get_inputs()[0].shape
+        self.one_at_a_time = batch == 1
 
     def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
         """Returns the file's output; for kandula2020 also its row map, if it has one and that is requested."""
