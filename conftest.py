@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # of the onnxruntime that some tests import themselves
 check_shapes()  # of modules that are imported from here on
+# Before tests import pyvips themselves: its handler of libvips's log, which unshutter removes, may collect garbage, and
+# the process is aborted if that makes libvips warn once more.
+import_module("unshutter.photo.libvips").libvips()
 
 
 def _hear_signals() -> None:
