@@ -26,7 +26,7 @@ from pathlib import Path
 FLOOR = """
 import sys
 import av, cv2, numpy as np
-from unshutter.video.decode import ahead
+from unshutter.video.ahead import ahead
 from unshutter.video.frame_warper import side_by_side
 from unshutter.video.pixels import PixelFormat
 
@@ -69,9 +69,9 @@ import cv2
 from contextlib import closing
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.camera import ClipCamera, find_camera
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.decode import frames_of
 from unshutter.video.frame_warper import Warper
 from unshutter.video.plan import Undo
 from unshutter.video.rendering import Rendering
@@ -94,11 +94,11 @@ def count(items):
         return sum(1 for _ in items)
 
 def rectified():
-    return rendering.rectified(Warper(clip, options.undo), frames_of(clip))
+    return rendering.rectified(Warper(clip, options.undo), clip.frames_between())
 
 steps = {
-    "decode": lambda: count(frames_of(clip)),
-    "find the motion": lambda: count(rendering.moving(frames_of(clip))),
+    "decode": lambda: count(clip.frames_between()),
+    "find the motion": lambda: count(rendering.moving(clip.frames_between())),
     "warp" if model == "camera" else "flow and warp": lambda: count(rectified()),
     "encode and write": lambda: rectify_clip_file(source, out, options).frames,
 }
@@ -109,7 +109,7 @@ def ms_of(step):
     after = resource.getrusage(resource.RUSAGE_SELF)
     return 1000 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / frames
 
-count(rendering.moving(frames_of(clip)))  # libraries are loaded
+count(rendering.moving(clip.frames_between()))  # libraries are loaded
 print(sorted(ms_of(lambda: find_camera(request) and 1) for _ in range(3))[1])
 for name, step in steps.items():
     print(name, ms_of(step), sep="\\t")

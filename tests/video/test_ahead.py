@@ -6,8 +6,8 @@ from threading import Event, Thread, Timer
 
 import pytest
 
-from unshutter.video import decode
-from unshutter.video.decode import ahead
+from unshutter.video import ahead as module
+from unshutter.video.ahead import ahead
 
 
 def test_a_thread_whose_start_is_interrupted_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,7 +32,7 @@ def test_a_thread_whose_start_is_interrupted_is_waited_for(monkeypatch: pytest.M
             Timer(0.2, go_on.set).start()
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(decode, "ThreadPoolExecutor", Interrupted)
+    monkeypatch.setattr(module, "ThreadPoolExecutor", Interrupted)
     with pytest.raises(KeyboardInterrupt):
         next(ahead(items(), 1))
     assert closed

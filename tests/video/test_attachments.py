@@ -9,7 +9,7 @@ import av
 import pytest
 
 from support import clips
-from unshutter.video.clip import look
+from unshutter.video.clip_facts import look
 
 _, GREYS = clips.moving(12)
 MEGABYTES = 60

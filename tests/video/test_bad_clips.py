@@ -281,7 +281,7 @@ def test_ctrl_c_while_the_library_is_loaded(clip):
         "    def find_spec(self, name, *_):\n"
         "        if name == 'av.container': sys.meta_path.remove(self); raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Stop())\n"
-        "from unshutter.video.clip import look\n"
+        "from unshutter.video.clip_facts import look\n"
         "try: look(sys.argv[1])\n"
         "except KeyboardInterrupt: sys.exit(130)"
     )

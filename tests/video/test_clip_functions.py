@@ -8,7 +8,7 @@ from support import clips, hand_held
 from support.hand_held import pan
 from unshutter.errors import UnknownRatioError
 from unshutter.motion.lens import Lens
-from unshutter.video import clip_functions
+from unshutter.video import camera
 
 CAMERA, GREYS = clips.moving(24)
 TRUTH = np.stack(clips.truth(CAMERA)).astype(float)
@@ -84,7 +84,7 @@ def test_a_lens_is_found_in_frames_as_it_is_in_files():
 def test_frames_without_a_bent_lens_are_those_of_no_search(monkeypatch):
     frames = clips.moving(30)[1]
     searched = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
-    monkeypatch.setattr(clip_functions, "lens_in_greys", lambda _: None)
+    monkeypatch.setattr(camera, "lens_of_clip", lambda *_: None)
     plain = list(unshutter.rectify_clip_frames(iter(frames), readout_ratio=0.6))
     assert all(np.array_equal(*pair) for pair in zip(searched, plain, strict=True)) and len(plain) == 30
 
@@ -117,3 +117,64 @@ def test_what_cannot_be_is_refused(frames, options, error, complaint):
 
 def test_no_frames_give_none():
     assert list(unshutter.rectify_clip_frames([], readout_ratio=0.5)) == []
+
+
+# ---- as in a file ---------------------------------------------------------------------------------------------------
+
+
+def of_file(folder, frames, **options):
+    """Pixels of a clip whose file has the same frames, at exactly even times."""
+    clip = clips.write(folder / "in.avi", frames, "ffv1", "gray")
+    unshutter.rectify_clip(clip, folder / "out.avi", **options)
+    return clips.luma(folder / "out.avi")
+
+
+def of_arrays(frames, **options):
+    return np.stack(list(unshutter.rectify_clip_frames(frames, **options)))
+
+
+SHAKEN = clips.moving(100)[1]
+
+
+@pytest.mark.parametrize("options", [{}, {"readout_ratio": 0.6}, {"strength": 0.5, "reference": "first"}])
+def test_pixels_are_those_of_a_file(tmp_path, options):
+    expected = of_file(tmp_path, SHAKEN, **options)
+    assert np.array_equal(of_arrays(SHAKEN, **options), expected)
+    assert np.array_equal(of_arrays(iter(SHAKEN), **options), expected)
+    assert np.array_equal(of_arrays(np.stack(SHAKEN), **options), expected)
+    assert not np.array_equal(expected, np.stack(SHAKEN))
+
+
+def test_stabilised_pixels_are_those_of_a_file(tmp_path):
+    options = {"readout_ratio": 0.6, "stabilize": 1.0}
+    assert np.array_equal(of_arrays(SHAKEN, **options), of_file(tmp_path, SHAKEN, **options))
+
+
+def test_the_direction_is_found():
+    """By another order of sums, which changes single pixels by one or two grey levels."""
+    turned = of_arrays([np.ascontiguousarray(np.rot90(frame)) for frame in SHAKEN])
+    upright = np.rot90(of_arrays(SHAKEN), axes=(1, 2))
+    assert np.abs(turned.astype(int) - upright).max() <= 2 and np.mean(turned != upright) < 1e-3
+
+
+def test_a_global_shutter_is_not_undone():
+    for frames in (clips.moving(100, ratio=0.0)[1], iter(clips.moving(100, ratio=0.0)[1])):
+        with pytest.raises(UnknownRatioError, match="at once"):
+            list(unshutter.rectify_clip_frames(frames))
+
+
+def test_a_camera_at_rest_needs_no_ratio():
+    standing = clips.standing(40)
+    assert all(now is before for now, before in zip(unshutter.rectify_clip_frames(standing), standing, strict=True))
+
+
+def test_a_second_pass_of_another_length():
+    class Growing:
+        passes = 0
+
+        def __iter__(self):
+            self.passes += 1
+            return iter(SHAKEN[:20] if self.passes < 4 else SHAKEN)
+
+    with pytest.raises(unshutter.UnshutterError, match="more frames"):
+        list(unshutter.rectify_clip_frames(Growing(), readout_ratio=0.6, focal_px=clips.FOCAL, stabilize=1.0))

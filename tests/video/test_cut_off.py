@@ -7,8 +7,7 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip import look
-from unshutter.video.decode import frames_of
+from unshutter.video.clip_facts import look
 
 GREYS = clips.moving(30)[1]
 RATIO = [*clips.KNOWN, "--strength", "0"]
@@ -40,8 +39,8 @@ def films(tmp_path_factory):
 def test_whole_films_are_whole(films, kind):
     clip = look(films[kind], until_s=None)
     clip.check_whole()
-    assert clip.extent.frames == len(list(frames_of(clip))) == len(GREYS)
-    assert len(list(frames_of(clip, clip.expected.start_s + 0.3))) in range(
+    assert clip.extent.frames == len(list(clip.frames_between())) == len(GREYS)
+    assert len(list(clip.frames_between(clip.expected.start_s + 0.3))) in range(
         20, 25
     )  # some begin a little later than at 0
 
@@ -73,7 +72,7 @@ def test_what_lies_behind_the_last_frame_may_be_missing(films, tmp_path, kind):
     (tmp_path / f"in.{kind}").write_bytes(films[kind].read_bytes()[:-1])
     clip = look(tmp_path / f"in.{kind}", until_s=None)
     clip.check_whole()
-    assert len(list(frames_of(clip))) == len(GREYS)
+    assert len(list(clip.frames_between())) == len(GREYS)
 
 
 def test_an_end_that_was_never_written(tmp_path, capsys):

@@ -14,8 +14,8 @@ from unshutter.motion import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.options import MAX_PIXELS
 from unshutter.options.clip_options import ClipUndo, RectifyClip
-from unshutter.video.clip import ClipRequest, look
-from unshutter.video.decode import frames_of
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.frame_warper import MovingFrame, linked
 from unshutter.video.pixels import PixelFormat
 
@@ -160,7 +160,7 @@ def test_three_frames_are_held_at_a_time(tmp_path):
     held = weakref.WeakSet()
 
     def moved():
-        for frame in frames_of(clip):
+        for frame in clip.frames_between():
             item = MovingFrame(frame, Finding(RowMotion.zero(65, 98)))
             held.add(item)
             yield item

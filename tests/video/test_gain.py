@@ -10,7 +10,8 @@ from unshutter.reasons import Code
 from unshutter.video import cameras, gain
 from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.gain import FrameSteps, Gain, gain_of_clip
 from unshutter.video.readout_regression import PairMotion
 from unshutter.video.survey import survey

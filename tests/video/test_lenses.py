@@ -17,7 +17,8 @@ from unshutter.motion.rotations import rotation_matrix
 from unshutter.options.clip_options import RectifyClip, Shutter, Steadiness
 from unshutter.orientation import Readout
 from unshutter.video import lenses
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.frame_map import StraightView
 from unshutter.video.lenses import LensProfile, lens_of_clip, lens_of_file, lens_of_tracks, named_lenses, table
 from unshutter.video.survey import Survey

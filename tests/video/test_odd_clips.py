@@ -11,8 +11,7 @@ from support.covering import thorough
 from support.hand_held import hand
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip import look
-from unshutter.video.decode import frames_of
+from unshutter.video.clip_facts import look
 from unshutter.video.film_file import writing
 
 GREYS = clips.moving(16)[1]
@@ -24,7 +23,7 @@ def straightened(source, target, *more):
 
 
 def times(path):
-    return np.array([frame.time for frame in frames_of(look(path))])
+    return np.array([frame.time for frame in look(path).frames_between()])
 
 
 def test_avi_counts_frames_that_are_not_there(tmp_path):

@@ -8,8 +8,7 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip import look
-from unshutter.video.decode import frames_of
+from unshutter.video.clip_facts import look
 
 GREYS = clips.moving(6)[1]
 COVER = cv2.imencode(".jpg", np.full((32, 32, 3), 90, np.uint8))[1].tobytes()
@@ -25,7 +24,7 @@ def written(capsys, source, target):
 
 
 def times(path):
-    return np.array([frame.time for frame in frames_of(look(path))])
+    return np.array([frame.time for frame in look(path).frames_between()])
 
 
 def streams(path):

@@ -17,7 +17,8 @@ from unshutter.reasons import Code, Reason
 from unshutter.video import camera, cameras
 from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.readout_regression import Estimate, Regression
 
 SIZE = (clips.WIDTH, clips.HEIGHT)

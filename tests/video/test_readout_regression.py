@@ -10,7 +10,8 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
 from unshutter.reasons import Code
 from unshutter.video.camera import find_camera
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.readout_regression import PairMotion, regression, runs_of, spline_slopes
 
 HEIGHT, WIDTH, PAIRS = 360, 640, 70

@@ -9,7 +9,7 @@ import pytest
 from support import clips
 from support.gpmf import entry, with_samples
 from unshutter.video.camera_tags import CameraTags
-from unshutter.video.clip import look
+from unshutter.video.clip_facts import look
 from unshutter.video.mp4 import Movie
 
 

@@ -11,8 +11,8 @@ from unshutter.frames.tracks import Tracks
 from unshutter.options.clip_options import RectifyClip
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import ClipRequest, look
-from unshutter.video.decode import frames_of
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.frame_warper import MovingFrame, with_motion
 from unshutter.video.scene_check import SceneCheck
 
@@ -32,7 +32,7 @@ def edited(tmp_path_factory) -> ClipRequest:
 def moved(request: ClipRequest, source: ReadoutSource) -> list[MovingFrame]:
     time = replace(FOUND.seconds(request.clip.interval_s), source=source)
     request = replace(request, options=replace(request.options, shutter=replace(request.options.shutter, focal_px=165)))
-    return list(with_motion(request, frames_of(request.clip), time))
+    return list(with_motion(request, request.clip.frames_between(), time))
 
 
 def test_a_scene_of_another_camera_is_left_as_it_is(edited):

@@ -11,7 +11,8 @@ from unshutter.options.clip_options import Encode, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.video import rendering as steps
 from unshutter.video.camera import ClipCamera
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.encoders import Encoder
 from unshutter.video.plan import Undo
 from unshutter.video.rendering import Rendering

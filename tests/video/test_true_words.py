@@ -10,9 +10,9 @@ from unshutter.frames.tracks import Tracks, background
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import look
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.decode import frames_of
 from unshutter.video.frame_warper import grey_copies
 
 
@@ -46,7 +46,7 @@ def test_the_time_since_a_frame_before_missing_ones_counts(tmp_path):
     greys = [clips.moving(6)[1][k] for k in times]
     path = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray", times=[k / 30 for k in times])
     clip = look(path)
-    copies = list(grey_copies(ClipRequest.of(clip, RectifyClip()), frames_of(clip)))
+    copies = list(grey_copies(ClipRequest.of(clip, RectifyClip()), clip.frames_between()))
     assert [copy.after for copy in copies[1:]] == pytest.approx([1, 1, 2, 1], abs=0.02)
 
 

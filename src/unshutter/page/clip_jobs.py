@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from unshutter.motion.shapes import UInt8
     from unshutter.video.camera import ClipCamera
-    from unshutter.video.clip import ClipFacts
+    from unshutter.video.clip_facts import ClipFacts
     from unshutter.video.frame_warper import MovingFrame
 
 MOMENTS = 5  # number of moments of a clip that are shown
@@ -58,6 +58,7 @@ def after(
     that would be cropped are kept: the area common to all frames is known only once the whole clip has been read.
     """
     from unshutter.video.frame_warper import Warper
+    from unshutter.video.pixels import of_file
 
     with _look(open_file) as clip:
         edges = options.undo.edges
@@ -67,7 +68,7 @@ def after(
         motion = warper.motion(moving)
         if not motion.is_zero:
             motion = motion.resized(*motion.readout.frame_size(clip.height, clip.width))
-        pixels = _small(warper.rectified(moving).picture, longest, moving.frame)
+        pixels = _small(of_file(warper.rectified(moving).picture), longest, of_file(moving.frame))
         result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
         if moving.found.reason is not None:
             about = reason_json(moving.found.reason)
@@ -121,7 +122,7 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 @contextmanager
 def _look(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[ClipFacts]:
     """Looks at the clip; errors in the block refer to files by names that the user recognises."""
-    from unshutter.video.clip import look
+    from unshutter.video.clip_facts import look
 
     with errors_of(open_file, names):
         yield look(open_file.path)
@@ -185,9 +186,8 @@ def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
 
 
 def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
-    from unshutter.video.decode import frames_of
 
-    for frame in frames_of(clip, max(time_s - clip.interval_s / 2, 0.0)):
+    for frame in clip.frames_between(max(time_s - clip.interval_s / 2, 0.0)):
         return frame
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
 
@@ -198,7 +198,6 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     from unshutter.motion.finding import Finding
     from unshutter.video.camera import ClipCamera, time_without_search
     from unshutter.video.clip import ClipRequest
-    from unshutter.video.decode import frames_of
     from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
 
     request = ClipRequest.of(clip, options)
@@ -211,7 +210,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Finding.from_json(file.read_text(encoding="utf-8")))
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
-    frames = islice(frames_of(clip, first), 2 * _AROUND + 1)
+    frames = islice(clip.frames_between(first), 2 * _AROUND + 1)
     for moving in with_motion(camera.complete(request), frames, time):
         if (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
             put_text(file, moving.found.to_json())
@@ -239,10 +238,9 @@ def _pairs(
 
     from unshutter.video.camera import find_camera
     from unshutter.video.clip import ClipRequest
-    from unshutter.video.decode import frames_of
     from unshutter.video.frame_map import FrameMap, warp_plane
     from unshutter.video.frame_warper import Warper
-    from unshutter.video.pixels import upright
+    from unshutter.video.pixels import of_file, upright
     from unshutter.video.plan import Leave, Undo
     from unshutter.video.rendering import Rendering, with_steady_views
 
@@ -261,14 +259,15 @@ def _pairs(
         rendering = with_steady_views(rendering)
     warper = Warper(clip, part.undo)
     frames = round((last - first) / clip.interval_s)
-    for number, moving in enumerate(rendering.moving(frames_of(clip, first, last))):
-        scale = min(_FILM_SIDE / max(moving.frame.height, moving.frame.width), 1.0)
-        height, width = (2 * max(round(side * scale / 2), 1) for side in (moving.frame.height, moving.frame.width))
-        before = moving.frame.reformat(width, height, format="rgb24").to_ndarray()
+    for number, moving in enumerate(rendering.moving(clip.frames_between(first, last))):
+        frame = of_file(moving.frame)
+        scale = min(_FILM_SIDE / max(frame.height, frame.width), 1.0)
+        height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
+        before = frame.reformat(width, height, format="rgb24").to_ndarray()
         after = np.empty_like(before)
         for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
             warp_plane(before, at, after[rows], black, 255)
-        yield np.concatenate([upright(each, moving.frame) for each in (before, after)], axis=1)
+        yield np.concatenate([upright(each, frame) for each in (before, after)], axis=1)
         progress.note_progress("film", min(number + 1, frames), frames)
 
 

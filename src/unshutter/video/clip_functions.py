@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
-from unshutter.frames.frame_motion import FrameMotion
-from unshutter.frames.self_calibration import GreyFrame
-from unshutter.frames.sequence import CameraMotion, stated_ratio
-from unshutter.frames.tracks import TRACKED_SIDE
-from unshutter.motion import Motion
+from unshutter.errors import UnknownRatioError, UsageError
+from unshutter.frames.sequence import stated_ratio
 from unshutter.options import Camera, Clock, FrameModel, Reference
-from unshutter.options.clip_options import MAX_CLIP_PIXELS, ClipEdges, ClipUndo, RectifyClip, Steadiness
+from unshutter.options.clip_options import (
+    GYRO_OFF,
+    MAX_CLIP_PIXELS,
+    ClipEdges,
+    ClipUndo,
+    RectifyClip,
+    Shutter,
+    Steadiness,
+)
 from unshutter.options.fields import check_time, for_python, from_keywords, implemented_by
-from unshutter.photo.photo import check_size
 from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code
+from unshutter.video.array_clip import ArrayClip, FirstFrames
+from unshutter.video.camera import ClipCamera
+from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, undone_part, warp_plane
-from unshutter.video.frame_warper import COPY_SIDE, FEWEST, small_finding, window_for
-from unshutter.video.lenses import lens_in_greys
+from unshutter.video.frame_warper import Warper
 from unshutter.video.outcome import ClipOutcome
-from unshutter.video.pixels import small_grey
-from unshutter.video.stabilisation import CameraPath, stabilised
+from unshutter.video.plan import Leave, Plan, Undo, make_plan
+from unshutter.video.rendering import Rendering, with_steady_views
 
-_MOST_BANDS = 4
+_USUAL_RATE = 30.0  # frames per second
+_FOR_READOUT, _FOR_LENS = 240, 80  # frames of an iterator that are examined for the readout time, or only for the lens
 
 
 def _rectify_clip(
@@ -140,14 +144,18 @@ def rectify_clip_frames(
 ) -> Iterator[np.ndarray]:
     """Rectifies the frames of a clip that you decode yourself, using one camera motion for each whole frame.
 
-    Frames are yielded in order, some 30 frames after they are read, and as many are held in memory; up to 240 while
-    the readout ratio is estimated, and up to 80 while the lens is.
+    Frames are examined as those of a file are (:func:`rectify_clip`): for the lens, and without a readout ratio also
+    for the readout time and direction, and for whether undoing the motion makes them better; if not, they are yielded
+    as they are. Of a list, or an object that starts again each time it is iterated over, parts are examined first, or
+    all frames; of an iterator that is read once, the first 240 frames, or 80 if the ratio is given, and these are held
+    in memory. Frames are then yielded in order, some 30 frames after they are read.
 
     Args:
         frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
             even intervals.
         readout_ratio: readout time of a frame, in frame intervals (above 0, at most 1). Without it, and without
             ``readout_ms`` and ``fps``, it is estimated from the frames, if they reveal it.
+        readout: direction in which the sensor was read out; auto: estimated together with the ratio.
         focal_px: focal length [px of the frames]; by default it is estimated from the frames, and so is the lens.
         edges: areas outside the original frame: ``fill`` mirrors the frame, ``keep`` leaves them black.
         fps: frames per second, for ``readout_ms`` and for ``stabilize``, which assumes 30 by default.
@@ -168,103 +176,48 @@ def rectify_clip_frames(
         10
     """
     known = from_keywords(Camera, {"readout": readout, "focal_px": focal_px, "readout_ms": readout_ms})
-    undo = from_keywords(ClipUndo, {"reference": reference, "strength": strength, "edges": edges})
-    steadiness = from_keywords(Steadiness, {"stabilize": stabilize, "zoom_limit": zoom_limit})
     for_ratio = None if stabilize is not None and readout_ms is None else fps
     ratio = stated_ratio(from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": for_ratio}), known)
-    if undo.edges not in ("fill", "keep"):
-        raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {undo.edges}")
-    camera = CameraMotion(ratio, focal_px, known.direction, fewest=FEWEST, whole_path=stabilize is not None)
-    if stabilize is None:
-        return _rectified(iter(frames), camera, undo)
-    if iter(frames) is frames:
+    options = RectifyClip(
+        Shutter(readout_ratio=ratio and ratio.value, readout=known.readout, focal_px=focal_px, gyro=GYRO_OFF),
+        from_keywords(ClipUndo, {"reference": reference, "strength": strength, "edges": edges}),
+        from_keywords(Steadiness, {"stabilize": stabilize, "zoom_limit": zoom_limit}),
+    )
+    if edges not in ("fill", "keep"):
+        raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {edges}")
+    check_time("fps", fps, "frames per second")
+    if iter(frames) is not frames:
+        return _rectified(frames, options, 1 / (fps or _USUAL_RATE))
+    if stabilize is not None:
         raise UsageError(
             "stabilize needs the frames twice: pass a list, or an object that begins again each time it is "
             "iterated over"
         )
-    check_time("fps", fps, "frames per second")
-    return _steady(frames, camera, undo, steadiness, fps or 30.0)
+    most = _FOR_READOUT if ratio is None else _FOR_LENS
+    return _rectified(FirstFrames(iter(frames), most), options, 1 / (fps or _USUAL_RATE))
 
 
-def _rectified(frames: Iterator[np.ndarray], camera: CameraMotion, undo: ClipUndo) -> Iterator[np.ndarray]:
-    scratch = Scratch()
-    for frame, motion in _with_motion(frames, camera):
-        yield _undone(frame, small_finding(motion).motion, undo, scratch)
-
-
-def _steady(
-    frames: Iterable[np.ndarray], camera: CameraMotion, undo: ClipUndo, steadiness: Steadiness, fps: float
-) -> Iterator[np.ndarray]:
-    path = None
-    last = None
-    for frame, motion in _with_motion(iter(frames), camera):
-        height, width = camera.readout.frame_size(*frame.shape[:2])
-        path = path or CameraPath(undo, camera.readout, width / height, camera.lens)
-        small = small_finding(motion)
-        cut = last is not None and motion.scene != last.scene
-        path.add(small, motion.step_from(last), cut, len(path) / fps)
-        last = motion
-    if path is None:
+def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: float) -> Iterator[np.ndarray]:
+    clip = ArrayClip.of(frames, interval_s)
+    if clip is None:
         return
-    steady = stabilised(path, steadiness, 1 / fps)
-    scratch = Scratch()
-    for k, frame in enumerate(frames):
-        if k == len(path):
-            raise UsageError("the second pass has more frames than the first")
-        yield _undone(frame, path.finding(k).motion, undo, scratch, steady.view(k))
+    request, camera, plan = make_plan(ClipRequest.of(clip, options))
+    _check_known(camera, plan)
+    if isinstance(frames, FirstFrames):
+        plan = Undo() if frames.has_more else plan  # frames that nobody saw yet may move
+        clip = replace(clip, arrays=frames.take_all())
+    rendering = Rendering(request, camera, plan)
+    if options.steadiness.stabilize is not None:
+        rendering = with_steady_views(rendering)
+    warper = Warper(clip, options.undo)
+    for moving in rendering.moving(clip.frames_between()):
+        (pixels,) = clip.pixels.arrays(warper.rectified(moving).picture)
+        yield pixels
 
 
-def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator[tuple[np.ndarray, FrameMotion]]:
-    """Yields frames with their motion, some frames after reading them."""
-    first = next(frames, None)
-    if first is None:
+def _check_known(camera: ClipCamera, plan: Plan) -> None:
+    """Raises UnknownRatioError if neither the caller nor the frames tell the readout time, and there is motion."""
+    reason = camera.readout.instead_of
+    if reason is None or (isinstance(plan, Leave) and plan.reason.code is Code.NOTHING_TO_SEE):
         return
-    camera.window = window_for(first.nbytes)
-    searched = camera.ratio is None
-    looked_at: list[np.ndarray] = []
-    waiting: deque[np.ndarray] = deque()
-
-    def greys(
-        frames: Iterable[np.ndarray], side: int, into: list[np.ndarray] | deque[np.ndarray]
-    ) -> Iterator[np.ndarray]:
-        for frame in frames:
-            _check(frame, first)
-            into.append(frame)
-            yield np.ascontiguousarray(camera.readout.turn(small_grey(frame, side, 8 * frame.itemsize)))
-
-    frames = chain([first], frames)
-    if camera.focal_px is None:
-        camera.lens = lens_in_greys(greys(frames, TRACKED_SIDE, looked_at))
-    size = camera.readout.frame_size(*first.shape[:2])
-    copies = greys(chain(looked_at, frames), COPY_SIDE, waiting)
-    for motion in camera.motions(GreyFrame(*size, grey) for grey in copies):
-        if motion.ratio_unknown and motion.reason is not None and searched:
-            error = UnknownRatioError(str(motion.reason), motion.reason)
-            raise error.with_advice("give readout_ratio, or readout_ms and fps")
-        yield waiting.popleft(), motion
-
-
-def _check(frame: np.ndarray, first: np.ndarray) -> None:
-    """Raises UsageError if this is not a frame; UnshutterError if it differs in size or type from the first one."""
-    if not isinstance(frame, np.ndarray) or frame.dtype not in (np.uint8, np.uint16) or frame.ndim not in (2, 3):
-        raise UsageError("frames must be uint8 or uint16 arrays [H, W] or [H, W, bands]")
-    if frame.ndim == 3 and not 1 <= frame.shape[2] <= _MOST_BANDS:
-        raise UsageError(f"frames must have 1 to {_MOST_BANDS} bands, got {frame.shape[2]}")
-    if (frame.shape, frame.dtype) != (first.shape, first.dtype):
-        shapes = [f"{each.dtype} {'x'.join(map(str, each.shape))}" for each in (first, frame)]
-        raise UnshutterError(f"frames must have the same size and type: the first is {shapes[0]}, another {shapes[1]}")
-    check_size(frame.shape[0], frame.shape[1], "a frame")
-
-
-def _undone(
-    frame: np.ndarray, motion: Motion, undo: ClipUndo, scratch: Scratch, view: SteadyView | None = None
-) -> np.ndarray:
-    motion = undone_part(motion, undo)
-    if motion.is_zero and view is None:
-        return frame
-    pixels = np.ascontiguousarray(frame)
-    out = np.empty(frame.shape, frame.dtype)
-    limit = int(np.iinfo(frame.dtype).max)
-    for rows, positions in FrameMap.of(motion, frame.shape[0], frame.shape[1], view).positions(1, 1, scratch):
-        warp_plane(pixels, positions, out[rows], [0] * 4 if undo.edges == "keep" else None, limit)
-    return out
+    raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")

@@ -91,7 +91,7 @@ def log_of_clip(request: ClipRequest) -> GyroLog | ClipGyro | None:
     except DamagedLogError:
         return ClipGyro("GoPro", None, None, Reason(Code.GYRO_DAMAGED))
     if log is None and not can_parse():
-        name = next((name for name in clip.others.data_tracks if name.startswith(_LOG_TRACKS)), None)
+        name = next((name for name in clip.data_tracks if name.startswith(_LOG_TRACKS)), None)
         return None if name is None else ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD))
     return log
 

@@ -23,13 +23,14 @@ from unshutter.storage.files import JsonLog, check_motion_name, check_target, re
 from unshutter.storage.locations import RunFiles, place
 from unshutter.video import cameras, film_file, mp4
 from unshutter.video.camera import ClipCamera
-from unshutter.video.clip import ClipFacts, ClipRequest, look
-from unshutter.video.decode import decode
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import ClipFacts, look
 from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import FilmWriter, fitted, holds_covers, start_of, writing
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.motion_file import MotionWriter
 from unshutter.video.outcome import ClipOutcome, Tally
+from unshutter.video.pixels import of_file
 from unshutter.video.plan import NO_FRAMES, Leave, make_plan
 from unshutter.video.rendering import Rendering, straight_view, watched, with_steady_views
 
@@ -151,6 +152,7 @@ def _on_this_machine(source: str) -> str:
 class _Output:
     """The new film."""
 
+    clip: ClipFacts
     target: Path
     encoder: Encoder
     into_copy: bool  # whether the new frames replace those in a copy of the clip's file
@@ -165,7 +167,7 @@ class _Output:
         if into_copy and kind != ".mov":
             kind = ".mp4"
         simple = alike and options.may_be_copy
-        return cls(target, fitted(Encoder.choose(clip, options.encode), clip, kind), into_copy, kind, simple)
+        return cls(clip, target, fitted(Encoder.choose(clip, options.encode), clip, kind), into_copy, kind, simple)
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
     """Writes the film, or copies the clip if nothing changes and the user wants nothing else of it."""
     request = rendering.request
     options = rendering.request.options
-    clip = request.clip
+    clip = film.clip
     warper = Warper(request.clip, options.undo)
     if warper.undo.edges == "crop":
         with closing(watched(rendering)) as moving:
@@ -220,7 +222,7 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
         ending, start_s = (None, 0.0) if film.into_copy else (film.kind, start_of(clip, film.kind))
         start_s = start_s if options.start is None else max(start_s, options.start)
         writer = FilmWriter(container, source, clip, film.encoder, ending, warper.size, start_s, request.observer)
-        decoded = decode(source, clip, options.start, options.end, None if film.into_copy else writer.waiting)
+        decoded = clip.decode(source, options.start, options.end, None if film.into_copy else writer.waiting)
         frames = stack.enter_context(closing(rendering.rectified(warper, decoded)))
         _write_frames(request, frames, tally, motions, writer)
         if not is_wanted():
@@ -255,7 +257,7 @@ def _write_frames(
         if motions is not None:
             motions.add(frame.source)
         steps.advance()
-        writer.add_frame(frame.picture)
+        writer.add_frame(of_file(frame.picture))
     if not tally.frames:
         raise UnshutterError(NO_FRAMES, clip=request.clip.path)
     writer.end()

@@ -118,6 +118,11 @@ def time_of(packet: Packet) -> float | None:
     return None if packet.pts is None else float(packet.pts * packet.time_base)
 
 
+def interlaced(place: str) -> UnshutterError:
+    """Returns the error for a clip whose rows show two moments."""
+    return UnshutterError("{clip} is interlaced (its rows show two moments): deinterlace it first", clip=place)
+
+
 def damaged(place: str, at: float | None) -> UnshutterError:
     """Returns the error for a film that is damaged at a given time [s]."""
     where = "" if at is None else f" at {at:.1f} s"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import Encode
-from unshutter.video.clip import ClipFacts, Coding
+from unshutter.video.clip_facts import ClipFacts, Coding
 
 if TYPE_CHECKING:
     from av.container import OutputContainer

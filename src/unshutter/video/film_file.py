@@ -25,9 +25,8 @@ from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.storage.files import written_whole
-from unshutter.video.clip import ClipFacts, look
+from unshutter.video.clip_facts import ClipFacts, look
 from unshutter.video.containers import COVER, FilmFile, opened, time_of
-from unshutter.video.decode import frames_of
 from unshutter.video.encoders import REDUCED, Encoder, others_for
 from unshutter.video.pixels import upright
 
@@ -348,7 +347,7 @@ def write_preview(
         start_s: time in the original at which the rectified part begins [s]; None if it is the whole clip.
         frames: number of frames in the rectified file.
     """
-    both = zip(frames_of(before, start_s or None), frames_of(look(after)), strict=False)
+    both = zip(before.frames_between(start_s or None), look(after).frames_between(), strict=False)
     pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
     if path.suffix.lower() not in _USUAL:
         moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}

@@ -21,7 +21,6 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import AT_REST, FrameMotion, Step, Timing
 from unshutter.frames.neighbours import Link, copy_side, link, motion_field
-from unshutter.frames.pyav import av
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.sequence import CameraMotion, Window
 from unshutter.motion import Motion, RotationMotion
@@ -31,14 +30,13 @@ from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
-from unshutter.video.clip import COLOURS, ClipFacts, ClipRequest
+from unshutter.video.clip import Clip, ClipRequest
 from unshutter.video.frame_map import FrameMap, Scratch, View, borrow_plane, on_plane, undone_part, warp_plane
 from unshutter.video.gyro_fit import GyroTurns
+from unshutter.video.pixels import Frame, of_file
 from unshutter.video.scene_check import SceneCheck
 
 if TYPE_CHECKING:
-    from av import VideoFrame
-
     from unshutter.motion.shapes import UInt, UInt8
 
 
@@ -58,7 +56,7 @@ _IN_MEMORY = 72_000_000  # bytes of frames awaiting their motion
 class MovingFrame:
     """A frame of a clip and its motion."""
 
-    frame: VideoFrame  # the decoded frame
+    frame: Frame  # the decoded frame
     # motion of a small picture of the same shape, first row as the reference; zero, with a reason, if none was found
     found: Finding
     cut: bool = False  # whether it shows another scene than the previous frame
@@ -105,7 +103,7 @@ def camera_motion(
     )
 
 
-def grey_copies(request: ClipRequest, frames: Iterable[VideoFrame]) -> Iterator[GreyFrame | None]:
+def grey_copies(request: ClipRequest, frames: Iterable[Frame]) -> Iterator[GreyFrame | None]:
     """Yields the small copies of frames in which corners are tracked, and None where frames are missing."""
     before = None
     for frame in frames:
@@ -119,7 +117,7 @@ def grey_copies(request: ClipRequest, frames: Iterable[VideoFrame]) -> Iterator[
 
 def with_motion(
     request: ClipRequest,
-    frames: Iterable[VideoFrame],
+    frames: Iterable[Frame],
     time: ReadoutTime,
     turns: GyroTurns | None = None,
     whole_path: bool = False,
@@ -131,9 +129,9 @@ def with_motion(
         whole_path: whether the camera's rotation is needed even where it is too small to be undone.
     """
     camera = camera_motion(request, time, turns, whole_path)
-    waiting: deque[VideoFrame] = deque()
+    waiting: deque[Frame] = deque()
 
-    def read() -> Iterator[VideoFrame]:
+    def read() -> Iterator[Frame]:
         for frame in frames:
             waiting.append(frame)
             yield frame
@@ -273,7 +271,7 @@ class _Copied:
         planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
         return cls(moving, request.grey(moving.frame, side), planes)
 
-    def connect(self, clip: ClipFacts, following: _Copied, ratio: float) -> None:
+    def connect(self, clip: Clip, following: _Copied, ratio: float) -> None:
         """Computes the flow to the next frame, unless they are not neighbours or show different scenes."""
         apart = clip.since(self.moving.frame, following.moving.frame)
         if apart is None or apart < ratio:
@@ -294,7 +292,6 @@ class _Copied:
 
 
 _SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
-_FULL_RANGE = 2  # FFmpeg's code
 _COARSE = 8  # px between points checked for a crop; its multiples are whole chroma pixels
 
 
@@ -303,14 +300,14 @@ class NewFrame:
     """A frame ready for encoding."""
 
     source: MovingFrame  # the original frame and its motion
-    picture: VideoFrame  # its pixels, time and colours; the original frame itself if nothing moved
+    picture: Frame  # its pixels, time and colours; the original frame itself if nothing moved
 
 
 @dataclass(frozen=True)
 class Warper:
     """Renders the rectified frames of a clip."""
 
-    clip: ClipFacts
+    clip: Clip
     undo: ClipUndo  # how motion is undone
     window: Tile | None = None  # the part of each frame to keep; None for all of it
     _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
@@ -348,11 +345,11 @@ class Warper:
             self._borrow(lenders, picture, where)
         return NewFrame(replace(moving, dense=True), self._dressed(picture, frame))
 
-    def _warped(self, frame: VideoFrame, frame_map: FrameMap) -> VideoFrame:
+    def _warped(self, frame: Frame, frame_map: FrameMap) -> Frame:
         """Returns the rectified pixels of a frame."""
-        picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
-        full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
+        picture = pixels.blank(frame, self.clip.height, self.clip.width)
+        full = pixels.is_full_range(frame)
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
@@ -368,7 +365,7 @@ class Warper:
                     cv2.extractChannel(after, k, new)
         return picture
 
-    def _borrow(self, lenders: list[Lender], picture: VideoFrame, own: FrameMap) -> None:
+    def _borrow(self, lenders: list[Lender], picture: Frame, own: FrameMap) -> None:
         """Fills areas that a frame does not show from its neighbours, in the planes of the rectified frame."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
@@ -389,27 +386,20 @@ class Warper:
                         borrow_plane(lender.planes[k], there, out[k][rows], has, limit)
                     missing &= ~has
 
-    def _dressed(self, picture: VideoFrame, frame: VideoFrame) -> VideoFrame:
+    def _dressed(self, picture: Frame, frame: Frame) -> Frame:
         """Returns the new pixels with the time, colours and side data of the original frame."""
         if self.window is None and _SIDE_DATA & self.clip.side_data.keys():
-            frame.make_writable()
+            of_file(frame).make_writable()
             for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):
                 np.copyto(old, new)
             return frame
-        if self.window is not None:
-            picture = self._cut(picture)
-        picture.pts, picture.time_base = frame.pts, frame.time_base
-        for name in COLOURS:
-            setattr(picture, name, getattr(frame, name))
-        return picture
+        return picture if self.window is None else self._cut(picture, self.window)
 
-    def _cut(self, frame: VideoFrame) -> VideoFrame:
-        height, width = self.size
-        picture = av().VideoFrame(width, height, self.clip.pixels.name)
-        assert self.window is not None
+    def _cut(self, frame: Frame, window: Tile) -> Frame:
         pixels = self.clip.pixels
+        picture = pixels.blank(frame, *self.size)
         for plane, old, new in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True):
-            top, left = self.window.top // plane.down, self.window.left // plane.across
+            top, left = window.top // plane.down, window.left // plane.across
             np.copyto(new, old[top : top + new.shape[0], left : left + new.shape[1]])
         return picture
 

@@ -17,7 +17,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +24,9 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.camera import DEGREES, ROWS, padded_ends, student_weights, turn_jacobian
 from unshutter.frames.self_calibration import fewer
-from unshutter.frames.tracks import Tracks, background, follow
+from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
-from unshutter.motion.shapes import Float64, UInt8
+from unshutter.motion.shapes import Float64
 from unshutter.options import USUAL_FOCAL
 from unshutter.storage.files import read_text
 from unshutter.video import cameras
@@ -174,13 +173,6 @@ def may_bend_lines(evidence: Survey) -> bool:
 
 def _may_bend(pairs: Sequence[Tracks]) -> bool:
     return _roughly(pairs)[0] >= _HOPELESS * _SURE / 2
-
-
-def lens_in_greys(greys: Iterable[UInt8[np.ndarray, "rows columns"]]) -> Lens | None:
-    """Finds the lens in grey copies of the first frames of a clip, and takes no more of them than it needs."""
-    planes = (background(follow(before, after)) for before, after in pairwise(greys))
-    same = (plane.tracks for plane in planes if plane.joined)
-    return _lens_in(*(islice(same, PART * many) for many in (1, 1, FURTHER)))
 
 
 def _lens_in(first: Iterable[Tracks], *others: Iterable[Tracks]) -> Lens | None:

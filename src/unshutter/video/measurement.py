@@ -19,7 +19,8 @@ from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.camera import find_camera
-from unshutter.video.clip import ClipFacts, ClipRequest, look
+from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_facts import ClipFacts, look
 from unshutter.video.readout import runs_in_survey
 from unshutter.video.readout_regression import Regression, Run, regression
 

@@ -3,18 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.frames.pyav import av
 
 if TYPE_CHECKING:
-    import av
-    from av import VideoFrame
+    from av import VideoFormat, VideoFrame
 
     from unshutter.motion.shapes import UInt, UInt8
+
+COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
+_FULL_RANGE = 2  # FFmpeg's code
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayFrame:
+    """A frame that the caller decodes."""
+
+    pixels: UInt[np.ndarray, "height width *bands"]
+    time: float  # time at which it is shown [s]
+    time_base: None = None  # unit of that time: it is exact
+
+    @property
+    def height(self) -> int:
+        """Rows [px]."""
+        return self.pixels.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Columns [px]."""
+        return self.pixels.shape[1]
+
+
+Frame: TypeAlias = "VideoFrame | ArrayFrame"
+
+
+def of_file(frame: Frame) -> VideoFrame:
+    """Returns a frame of a clip's file, as PyAV decoded it."""
+    assert not isinstance(frame, ArrayFrame)
+    return frame
 
 
 @dataclass(frozen=True)
@@ -32,12 +63,12 @@ class Plane:
 class PixelFormat:
     """A pixel format whose planes can be warped."""
 
-    name: str  # FFmpeg's name of the format
+    name: str  # FFmpeg's name of the format; of arrays, that of their type
     depth: int  # bits per value
     planes: tuple[Plane, ...]  # in the order of the format
 
     @classmethod
-    def of(cls, pixel_format: av.VideoFormat | None) -> PixelFormat:
+    def of(cls, pixel_format: VideoFormat | None) -> PixelFormat:
         """Returns the planes of an FFmpeg pixel format."""
         if pixel_format is None:
             raise UnshutterError("the clip does not state its pixel format")
@@ -61,8 +92,16 @@ class PixelFormat:
             planes.append(Plane(len(inside), across, down, (1 << depth) // 16 if luma else black, black))
         return cls(name, depth, tuple(planes))
 
-    def arrays(self, frame: av.VideoFrame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
+    @classmethod
+    def of_array(cls, pixels: UInt[np.ndarray, "height width *bands"]) -> PixelFormat:
+        """Returns the format of frames that are arrays like this one."""
+        bands = pixels.shape[2] if pixels.ndim == 3 else 1
+        return cls(str(pixels.dtype), 8 * pixels.itemsize, (Plane(bands, 1, 1, black=0, black_full=0),))
+
+    def arrays(self, frame: Frame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
         """Returns the planes of a frame: views of its memory, valid as long as the frame exists."""
+        if isinstance(frame, ArrayFrame):
+            return [frame.pixels]
         dtype = np.dtype(np.uint8 if self.depth == 8 else "<u2")
         views = []
         for stored, plane in zip(frame.planes, self.planes, strict=True):
@@ -75,7 +114,22 @@ class PixelFormat:
             views.append(np.ndarray(shape, dtype, buffer=memoryview(stored), strides=strides))
         return views
 
-    def grey(self, frame: av.VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
+    def blank(self, like: Frame, height: int, width: int) -> Frame:
+        """Returns a new frame with the time and colours of another one; its pixels have any value."""
+        if isinstance(like, ArrayFrame):
+            return ArrayFrame(np.empty((height, width, *like.pixels.shape[2:]), like.pixels.dtype), like.time)
+        picture = av().VideoFrame(width, height, self.name)
+        picture.pts = like.pts
+        picture.time_base = like.time_base
+        for name in COLOURS:
+            setattr(picture, name, getattr(like, name))
+        return picture
+
+    def is_full_range(self, frame: Frame) -> bool:
+        """Whether 0 is black in a frame."""
+        return isinstance(frame, ArrayFrame) or frame.color_range == _FULL_RANGE or self.name.startswith("yuvj")
+
+    def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
         """Returns a small grey copy of a frame, with a short side of about ``side`` px; never larger than the frame."""
         return small_grey(self.arrays(frame)[0], side, self.depth)
 

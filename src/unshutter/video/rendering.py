@@ -1,6 +1,6 @@
 """Renders the frames of a clip as planned: with their motion from the frames, a file or a first pass, and their views.
 
-VideoFrame -> MovingFrame -> (LinkedFrame ->) NewFrame
+Frame -> MovingFrame -> (LinkedFrame ->) NewFrame
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from unshutter.frames.frame_motion import SHARES
 from unshutter.motion import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.warp import thread_count
+from unshutter.video.ahead import ahead
 from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import level_turns
-from unshutter.video.decode import DECODED_AHEAD, ahead, frames_of
 from unshutter.video.frame_map import StraightView
 from unshutter.video.frame_warper import (
     ROWS,
@@ -37,8 +37,9 @@ from unshutter.video.plan import Leave, Plan, Undo
 from unshutter.video.stabilisation import CameraPath, Stabilisation, stabilised
 
 if TYPE_CHECKING:
-    from av import VideoFrame
+    from unshutter.video.pixels import Frame
 
+_DECODED_AHEAD = 2  # frames, if they are small
 _LINKED_AHEAD = 1  # frames, all held in memory
 _MOVING_AHEAD = 8  # frames, if they are small
 
@@ -54,13 +55,13 @@ class Rendering:
     stabilisation: Stabilisation | None = None
     straight: StraightView | None = None  # the view in which lines are straight; None if the lens is kept
 
-    def moving(self, frames: Iterator[VideoFrame]) -> Generator[MovingFrame]:
+    def moving(self, frames: Iterator[Frame]) -> Generator[MovingFrame]:
         """Yields frames with their motion."""
         clip = self.request.clip
         options = self.request.options
         if self.straight is not None:
             return self._straightened(replace(self, straight=None).moving(frames))
-        decoded = ahead(frames, clip.most_ahead(DECODED_AHEAD))
+        decoded = ahead(frames, clip.most_ahead(_DECODED_AHEAD))
         if self.stabilisation is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
             return self._with_known_motion(decoded)
         turns = self.camera.gyro and self.camera.gyro.turns
@@ -73,13 +74,17 @@ class Rendering:
             for moving in frames:
                 yield replace(moving, view=self.straight)
 
-    def _with_known_motion(self, frames: Generator[VideoFrame]) -> Generator[MovingFrame]:
+    def _with_known_motion(self, frames: Generator[Frame]) -> Generator[MovingFrame]:
         plan = self.plan
         unchanged = Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason) if isinstance(plan, Leave) else None
         with closing(frames):
             for number, frame in enumerate(frames):
                 if self.stabilisation is not None:
                     path = self.stabilisation.path
+                    if number == len(path):
+                        raise UnshutterError(
+                            "{clip}: the second pass has more frames than the first", clip=self.request.clip.path
+                        )
                     view = self.stabilisation.view(number)
                     found = unchanged or path.finding(number)
                     yield MovingFrame(frame, found, path.cuts[number], step=path.middle_steps[number], view=view)
@@ -89,7 +94,7 @@ class Rendering:
                     found, cut, step = plan.motion.at(frame.time or 0.0)
                     yield MovingFrame(frame, found, cut, step=step)
 
-    def rectified(self, warper: Warper, frames: Iterator[VideoFrame]) -> Generator[NewFrame]:
+    def rectified(self, warper: Warper, frames: Iterator[Frame]) -> Generator[NewFrame]:
         """Yields the frames to encode."""
         request = self.request
         undo = self.request.options.undo
@@ -140,7 +145,7 @@ def watched(rendering: Rendering) -> Generator[MovingFrame]:
     """Yields the frames with their motion, reporting progress for each: a pass before that which writes the film."""
     steps = rendering.request.steps("looking")
     options = rendering.request.options
-    decoded = frames_of(rendering.request.clip, options.start, options.end)
+    decoded = rendering.request.clip.frames_between(options.start, options.end)
     with closing(rendering.moving(decoded)) as frames:
         for moving in frames:
             steps.advance()

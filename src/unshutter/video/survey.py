@@ -16,8 +16,8 @@ from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.progress import Steps
+from unshutter.video.ahead import ahead
 from unshutter.video.clip import ClipRequest
-from unshutter.video.decode import ahead, frames_of
 from unshutter.video.readout_regression import PairMotion
 
 _AHEAD = 3  # frames
@@ -107,7 +107,7 @@ def survey(
         before = None
         grey_before = None
         plane_before = None
-        for frame in ahead(frames_of(request.clip, start, end), _AHEAD):
+        for frame in ahead(request.clip.frames_between(start, end), request.clip.most_ahead(_AHEAD)):
             grey = request.grey(frame, TRACKED_SIDE)
             tracked = TrackedFrame(frame.time or 0.0)
             if grey_before is not None:
