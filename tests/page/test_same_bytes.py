@@ -102,14 +102,15 @@ def test_photos(client: httpx.Client, photos: list[Path], tmp_path: Path) -> Non
 def test_a_batch_and_a_cluster(photos: list[Path], tmp_path: Path) -> None:
     """Worker processes, here or on other machines, write what one process writes."""
     distributed = pytest.importorskip("distributed", reason="needs unshutter[dask]")
-    each_alone = [*photos, "--each-alone", "-o"]
+    few = [photo for photo in photos if photo.stem in ("plain", "far", "still")]
+    each_alone = [*few, "--each-alone", "-o"]
     run_command("rectify", *each_alone, tmp_path / "one", "--jobs", 1)
     run_command("rectify", *each_alone, tmp_path / "batch", "--jobs", 2)
     cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0")
     with cluster:
         run_command("rectify", *each_alone, tmp_path / "cluster", "--scheduler", cluster.scheduler_address)
     by_one = _written(tmp_path / "one")
-    assert len(by_one) == len(photos)
+    assert len(by_one) == len(few) == 6
     assert by_one == _written(tmp_path / "batch")
     assert by_one == _written(tmp_path / "cluster")
 

@@ -36,7 +36,7 @@ def run_until(process: subprocess.Popen, enough) -> None:
 
 @posix
 @pytest.mark.parametrize(
-    ("count", "jobs", "least_kills"), [(16, ["--jobs", 2], 1), thorough(60, [], 3), thorough(48, ["--jobs", 2], 3)]
+    ("count", "jobs", "least_kills"), [(16, ["--jobs", 2], 1), thorough(40, [], 3), thorough(40, ["--jobs", 2], 3)]
 )
 def test_killed_again_and_again(count: int, jobs: list, least_kills: int, motion: Path, tmp_path: Path) -> None:
     """kill -9 during a batch, in a loop: in the end all results are whole and right, all originals as before."""

@@ -16,7 +16,8 @@ from unshutter.options import MAX_PIXELS
 from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_facts import look
-from unshutter.video.frame_warper import MovingFrame, linked
+from unshutter.video.clip_motion import MovingFrame
+from unshutter.video.frame_links import linked
 from unshutter.video.pixels import PixelFormat
 
 FRAMES = 12

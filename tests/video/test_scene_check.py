@@ -13,7 +13,7 @@ from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_facts import look
-from unshutter.video.frame_warper import MovingFrame, with_motion
+from unshutter.video.clip_motion import MovingFrame, with_motion
 from unshutter.video.scene_check import SceneCheck
 
 FOUND = ReadoutRatio(0.6, 0.02, ReadoutSource.REGRESSION)

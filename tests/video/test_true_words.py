@@ -12,8 +12,8 @@ from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_facts import look
+from unshutter.video.clip_motion import grey_copies
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_warper import grey_copies
 
 
 def test_a_camera_that_moves_gently_does_not_stand_still(tmp_path, straighten):

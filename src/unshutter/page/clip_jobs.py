@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8
     from unshutter.video.camera import ClipCamera
     from unshutter.video.clip_facts import ClipFacts
-    from unshutter.video.frame_warper import MovingFrame
+    from unshutter.video.clip_motion import MovingFrame
 
 MOMENTS = 5  # number of moments of a clip that are shown
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
@@ -198,7 +198,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     from unshutter.motion.finding import Finding
     from unshutter.video.camera import ClipCamera, time_without_search
     from unshutter.video.clip import ClipRequest
-    from unshutter.video.frame_warper import ROWS, MovingFrame, with_motion
+    from unshutter.video.clip_motion import ROWS, MovingFrame, with_motion
 
     request = ClipRequest.of(clip, options)
     camera = ClipCamera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)

@@ -1,7 +1,7 @@
 """Undoes a frame's motion on its planes as stored, seen by the camera itself or by a stabilised one.
 
 Nothing is converted to RGB or changed where nothing moves. The map is smooth, so it is exact at the nodes of a grid and
-linear between them. A clip's motion is that of a small picture of the same shape (frame_warper.py): its positions are
+linear between them. A clip's motion is that of a small picture of the same shape (clip_motion.py): its positions are
 scaled up to each plane's pixels, centre to centre.
 
 Borders and views of a stabilised camera are in heights of the readout frame, measured from its centre: a frame extends

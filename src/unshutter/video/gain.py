@@ -28,8 +28,8 @@ from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
+from unshutter.video.clip_motion import camera_motion, small_finding
 from unshutter.video.frame_map import undone_part
-from unshutter.video.frame_warper import camera_motion, small_finding
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.readout_regression import PairMotion, fit_robustly
 from unshutter.video.survey import Survey, TrackedFrame, tracked_copies

@@ -22,7 +22,7 @@ from unshutter.reasons import JsonObject
 from unshutter.storage.files import read_text
 from unshutter.version import __version__
 from unshutter.video.clip import ClipRequest
-from unshutter.video.frame_warper import GYRO_ROWS, ROWS, MovingFrame
+from unshutter.video.clip_motion import GYRO_ROWS, ROWS, MovingFrame
 
 FORMAT = "unshutter-clip-motion/1"
 _STRIDE = 4  # the rotation of every fourth row is written

@@ -17,7 +17,7 @@ from unshutter.motion.lens import Lens
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
-from unshutter.video.frame_warper import MovingFrame
+from unshutter.video.clip_motion import MovingFrame
 
 if TYPE_CHECKING:
     from unshutter.options import FrameModel

@@ -21,17 +21,10 @@ from unshutter.video.ahead import ahead
 from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import level_turns
+from unshutter.video.clip_motion import ROWS, MovingFrame, with_motion
+from unshutter.video.frame_links import LinkedFrame, linked
 from unshutter.video.frame_map import StraightView
-from unshutter.video.frame_warper import (
-    ROWS,
-    LinkedFrame,
-    MovingFrame,
-    NewFrame,
-    Warper,
-    linked,
-    side_by_side,
-    with_motion,
-)
+from unshutter.video.frame_warper import NewFrame, Warper, side_by_side
 from unshutter.video.gyro_fit import up_directions
 from unshutter.video.plan import Leave, Plan, Undo
 from unshutter.video.stabilisation import CameraPath, Stabilisation, stabilised

@@ -26,8 +26,8 @@ from unshutter.motion.shapes import Float32, Float64
 from unshutter.options.clip_options import ClipUndo, Steadiness
 from unshutter.orientation import Readout
 from unshutter.reasons import JsonObject, Reason
+from unshutter.video.clip_motion import ROWS
 from unshutter.video.frame_map import SteadyView, borders_of, margins, undone_part, zoom_needed
-from unshutter.video.frame_warper import ROWS
 from unshutter.video.gain import TALL, is_visible
 
 _ROWS = 256  # rotations are weighted in px of a picture with this many rows
