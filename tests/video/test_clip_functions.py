@@ -1,5 +1,7 @@
 """Clips from Python: a whole file with its progress, and frames of another decoder."""
 
+from itertools import chain
+
 import numpy as np
 import pytest
 
@@ -153,7 +155,10 @@ def test_a_global_shutter_is_not_undone():
 
 def test_a_camera_at_rest_needs_no_ratio():
     standing = clips.standing(40)
-    assert all(now is before for now, before in zip(unshutter.rectify_clip_frames(standing), standing, strict=True))
+    for frames in (standing, iter(standing)):
+        assert all(now is before for now, before in zip(unshutter.rectify_clip_frames(frames), standing, strict=True))
+    with pytest.raises(UnknownRatioError):  # who knows what comes after the frames that are examined
+        next(unshutter.rectify_clip_frames(chain(standing * 6, GREYS)))
 
 
 def test_a_second_pass_of_another_length():

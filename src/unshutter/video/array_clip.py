@@ -114,8 +114,7 @@ class FirstFrames(Iterable[Pixels]):
 
     def _has(self, number: int) -> bool:
         """Reads on until there is a frame of this number, if there is."""
-        if number == len(self._kept):
-            self._kept.extend(islice(self._source, 1))
+        self._kept.extend(islice(self._source, max(number + 1 - len(self._kept), 0)))
         return number < len(self._kept)
 
 

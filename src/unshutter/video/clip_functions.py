@@ -26,12 +26,11 @@ from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
 from unshutter.video.array_clip import ArrayClip, FirstFrames
-from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_warper import Warper
 from unshutter.video.outcome import ClipOutcome
-from unshutter.video.plan import Leave, Plan, Undo, make_plan
+from unshutter.video.plan import Leave, Plan, make_plan
 from unshutter.video.rendering import Rendering, with_steady_views
 
 _USUAL_RATE = 30.0  # frames per second
@@ -147,8 +146,8 @@ def rectify_clip_frames(
     Frames are examined as those of a file are (:func:`rectify_clip`): for the lens, and without a readout ratio also
     for the readout time and direction, and for whether undoing the motion makes them better; if not, they are yielded
     as they are. Of a list, or an object that starts again each time it is iterated over, parts are examined first, or
-    all frames; of an iterator that is read once, the first 240 frames, or 80 if the ratio is given, and these are held
-    in memory. Frames are then yielded in order, some 30 frames after they are read.
+    all frames; of an iterator that is read once, the first 240 frames, or 80 if the ratio is given: these are held in
+    memory, and tell what is done to all. Frames are then yielded in order, some 30 frames after they are read.
 
     Args:
         frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
@@ -202,9 +201,10 @@ def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: f
     if clip is None:
         return
     request, camera, plan = make_plan(ClipRequest.of(clip, options))
-    _check_known(camera, plan)
+    reason = camera.readout.instead_of
+    if reason is not None and not _shows_nothing(plan, frames):
+        raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
     if isinstance(frames, FirstFrames):
-        plan = Undo() if frames.has_more else plan  # frames that nobody saw yet may move
         clip = replace(clip, arrays=frames.take_all())
     rendering = Rendering(request, camera, plan)
     if options.steadiness.stabilize is not None:
@@ -215,9 +215,7 @@ def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: f
         yield pixels
 
 
-def _check_known(camera: ClipCamera, plan: Plan) -> None:
-    """Raises UnknownRatioError if neither the caller nor the frames tell the readout time, and there is motion."""
-    reason = camera.readout.instead_of
-    if reason is None or (isinstance(plan, Leave) and plan.reason.code is Code.NOTHING_TO_SEE):
-        return
-    raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
+def _shows_nothing(plan: Plan, frames: Iterable[np.ndarray]) -> bool:
+    """Whether no readout time could make a difference, in any of the frames."""
+    is_still = isinstance(plan, Leave) and plan.reason.code is Code.NOTHING_TO_SEE
+    return is_still and not (isinstance(frames, FirstFrames) and frames.has_more)
