@@ -35,6 +35,7 @@ def test_words_and_json_say_the_same(folder, capsys):
     assert record["readout_ratio"] == pytest.approx(0.6, rel=0.1)
     assert record["readout_ms"] == pytest.approx(1000 * record["readout_ratio"] / record["fps"], rel=0.01)
     assert (record["direction"], record["found_by"]) == ("top-to-bottom", "regression")
+    assert record["frames_show_surely"] is True
     assert f"readout time {record['readout_ms']:.1f} +- " in words and "from regression" in words
     assert record["wobble_px"] > 0.2 and f"{record['wobble_px']:.2f} px" in words
 

@@ -25,7 +25,9 @@ def poses_command(folder: Path, model: Path, motions: Path, *words: str) -> int:
 
 
 def table_of(file: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+    assert all(None not in row for row in rows)  # as many values as names
+    return rows
 
 
 def test_text_and_binary_models_say_the_same(tmp_path: Path) -> None:

@@ -53,6 +53,7 @@ def test_a_camera_is_found_by_make_model_size_and_rate(nemo):
     time = cameras.find("Nemo", "One", SIZE, 29.97)
     assert time == cameras.find("nemo inc.", "Nemo One", SIZE[::-1], 30)  # held upright
     assert time == ReadoutTime.of_ms(20, ReadoutSource.TABLE, "Nemo One")
+    assert ReadoutTime.of_ms(20, ReadoutSource.TABLE, plausible_ms=(12, 30)).plausible_ms == (12, 30)
     assert cameras.find("", "one", SIZE, 30) == time
     assert cameras.find("Ahab", "One", SIZE, 30) is cameras.find("Nemo", "Three", SIZE, 30) is None
     assert cameras.find("Nemo", "", SIZE, 30) is cameras.find("", "", SIZE, 30) is None
