@@ -93,6 +93,14 @@ def test_the_focal_length_counts():
 @pytest.mark.parametrize(
     ("frames", "options", "error", "complaint"),
     [
+        (None, {"readout_ratio": 0.5}, unshutter.UsageError, "a list, or another iterable"),
+        ([None, *GREYS], {"readout_ratio": 0.5}, unshutter.UsageError, "uint8 or uint16"),
+        (
+            [np.zeros((900, 900), np.uint8)],
+            {"readout_ratio": 0.5, "focal_px": 4.0},
+            unshutter.UsageError,
+            "^focal_px must",
+        ),
         ([np.zeros((144, 192))], {"readout_ratio": 0.5}, unshutter.UsageError, "uint8 or uint16"),
         ([np.zeros((144, 192, 5), np.uint8)], {"readout_ratio": 0.5}, unshutter.UsageError, "1 to 4 bands"),
         ([GREYS[0], GREYS[0][1:]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "the same size and type"),
@@ -161,13 +169,24 @@ def test_a_camera_at_rest_needs_no_ratio():
         next(unshutter.rectify_clip_frames(chain(standing * 6, GREYS)))
 
 
-def test_a_second_pass_of_another_length():
-    class Growing:
-        passes = 0
+class Stream:
+    """Cannot start again, like what reads from a pipe; ``again``: what the second pass yields nevertheless."""
 
-        def __iter__(self):
-            self.passes += 1
-            return iter(GREYS[:20] if self.passes < 4 else GREYS)
+    def __init__(self, frames, again=()):
+        self._passes = [list(frames), list(again)]
 
-    with pytest.raises(unshutter.UnshutterError, match="more frames"):
-        list(unshutter.rectify_clip_frames(Growing(), readout_ratio=0.6, focal_px=clips.FOCAL, stabilize=1.0))
+    def __iter__(self):
+        return iter(self._passes.pop(0))
+
+
+def test_no_frame_is_lost_of_what_cannot_start_again():
+    known = {"readout_ratio": 0.6, "focal_px": clips.FOCAL}
+    assert np.array_equal(of_arrays(Stream(GREYS), **known), of_arrays(GREYS, **known))
+
+
+@pytest.mark.parametrize(("again", "complaint"), [(GREYS[:20], "fewer frames"), (GREYS + GREYS[:1], "more frames")])
+def test_a_second_pass_of_another_length(again, complaint):
+    known = {"readout_ratio": 0.6, "focal_px": clips.FOCAL, "stabilize": 1.0}
+    assert len(of_arrays(Stream(GREYS, GREYS), **known)) == 24
+    with pytest.raises(unshutter.UsageError, match=complaint):
+        of_arrays(Stream(GREYS, again), **known)

@@ -15,7 +15,7 @@ import reprlib
 import textwrap
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -244,9 +244,21 @@ def for_python(*kinds: type) -> Callable[[F], F]:
                     text, _WIDTH, initial_indent=indent, subsequent_indent=f"{indent}    "
                 )
         function.__doc__ = head + args + described + blank + rest
-        return errors_in_python()(function)
+
+        @functools.wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            with errors_in_python():
+                result = function(*args, **keywords)
+            return _yield_in_python(result) if isinstance(result, Generator) else result
+
+        return cast(F, call)
 
     return decorate
+
+
+def _yield_in_python(results: Generator[T]) -> Generator[T]:
+    with errors_in_python():
+        yield from results
 
 
 def implemented_by(implementation: Callable[..., Any], **kinds: type) -> Callable[[F], F]:

@@ -1,6 +1,7 @@
-"""Frames that the caller decodes, as a clip: a list, an object that starts again each time, or an iterator read once.
+"""Frames that the caller decodes, as a clip: a sequence, of which any part can be examined, or another iterable.
 
-An iterator that is read once can be examined only as far as its frames are kept in memory until they are rendered.
+The latter may be unable to start again. So only its first frames are examined; they are kept in memory until they
+are rendered.
 """
 
 from __future__ import annotations
@@ -30,33 +31,28 @@ class ArrayClip(Clip):
     first: Pixels  # the first of them, like which all must be
 
     @classmethod
-    def of(cls, arrays: Iterable[Pixels], interval_s: float) -> ArrayClip | None:
+    def of(cls, arrays: FirstFrames | Sequence[Pixels] | np.ndarray, interval_s: float) -> ArrayClip | None:
         """Returns the clip of these frames, or None if there are none.
 
         Raises:
             UsageError: the first cannot be a frame.
             UnshutterError: it is too small or too large.
         """
-        first = next(iter(arrays), None)
-        if first is None:
-            return None
-        _check(first)
-        frames = 0
-        if isinstance(arrays, FirstFrames):
-            frames = arrays.most
-        elif isinstance(arrays, Sequence | np.ndarray):
-            frames = len(arrays)
-        return cls(
-            path="the clip",
-            pixels=PixelFormat.of_array(first),
-            height=first.shape[0],
-            width=first.shape[1],
-            interval_s=interval_s,
-            frames=frames,
-            duration_s=frames * interval_s,
-            arrays=arrays,
-            first=first,
-        )
+        for first in arrays:
+            _check(first)
+            frames = arrays.most if isinstance(arrays, FirstFrames) else len(arrays)
+            return cls(
+                path="the clip",
+                pixels=PixelFormat.of_array(first),
+                height=first.shape[0],
+                width=first.shape[1],
+                interval_s=interval_s,
+                frames=frames,
+                duration_s=frames * interval_s,
+                arrays=arrays,
+                first=first,
+            )
+        return None
 
     def frames_between(self, start: float | None = None, end: float | None = None) -> Generator[ArrayFrame]:
         """Yields the frames between two times [s]; None means no limit.
@@ -68,7 +64,7 @@ class ArrayClip(Clip):
         begin = max(int(np.ceil((start or 0.0) / self.interval_s - 1e-6)), 0)
         until = None if end is None else int(np.ceil(end / self.interval_s - 1e-6))
         arrays = self.arrays
-        if isinstance(arrays, Sequence | np.ndarray):
+        if begin and isinstance(arrays, Sequence | np.ndarray):
             wanted = (arrays[number] for number in range(len(arrays))[begin:until])
         else:
             wanted = islice(arrays, begin, until)
@@ -82,7 +78,7 @@ class ArrayClip(Clip):
 
 
 class FirstFrames(Iterable[Pixels]):
-    """The first frames of an iterator that is read once: they are kept until all are taken, as they are needed often.
+    """The first frames that an iterator yields: they are kept until all are taken, as they are needed often.
 
     Args:
         source: the iterator.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,8 +30,10 @@ from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_warper import Warper
 from unshutter.video.outcome import ClipOutcome
+from unshutter.video.pixels import ArrayFrame
 from unshutter.video.plan import Leave, Plan, make_plan
 from unshutter.video.rendering import Rendering, with_steady_views
+from unshutter.video.stabilisation import Stabilisation
 
 _USUAL_RATE = 30.0  # frames per second
 _FOR_READOUT, _FOR_LENS = 240, 80  # frames of an iterator that are examined for the readout time, or only for the lens
@@ -145,13 +147,13 @@ def rectify_clip_frames(
 
     Frames are examined as those of a file are (:func:`rectify_clip`): for the lens, and without a readout ratio also
     for the readout time and direction, and for whether undoing the motion makes them better; if not, they are yielded
-    as they are. Of a list, or an object that starts again each time it is iterated over, parts are examined first, or
-    all frames; of an iterator that is read once, the first 240 frames, or 80 if the ratio is given: these are held in
-    memory, and tell what is done to all. Frames are then yielded in order, some 30 frames after they are read.
+    as they are. Of a list, a tuple or an array [N, H, W, ...], parts are examined first, or all frames. Of any other
+    iterable, only the first 240 frames are, or at most 80 if the ratio is given: these are held in memory, and tell
+    what is done to all. Frames are yielded in order, some 30 frames after they are read.
 
     Args:
         frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
-            even intervals.
+            even intervals. Each must have memory of its own, since several are held.
         readout_ratio: readout time of a frame, in frame intervals (above 0, at most 1). Without it, and without
             ``readout_ms`` and ``fps``, it is estimated from the frames, if they reveal it.
         readout: direction in which the sensor was read out; auto: estimated together with the ratio.
@@ -167,7 +169,9 @@ def rectify_clip_frames(
 
     Raises:
         UsageError: an option is invalid, the arrays are of another kind, or an iterator is to be stabilised.
-        UnknownRatioError: the readout ratio was not stated, and the frames do not reveal it.
+        UnknownRatioError: the readout ratio was not stated, and the examined frames do not reveal it; also if the
+            camera stands still in them, and more follow.
+        UnshutterError: the frames are too small, or differ in size or type.
 
     Examples:
         >>> frames = (np.zeros((120, 160, 3), np.uint8) for _ in range(10))  # from any decoder
@@ -185,34 +189,51 @@ def rectify_clip_frames(
     if edges not in ("fill", "keep"):
         raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {edges}")
     check_time("fps", fps, "frames per second")
-    if iter(frames) is not frames:
-        return _rectified(frames, options, 1 / (fps or _USUAL_RATE))
-    if stabilize is not None:
+    if not isinstance(frames, Iterable):
+        raise UsageError("frames must be a list, or another iterable, of arrays")
+    if stabilize is not None and isinstance(frames, Iterator):
         raise UsageError(
             "stabilize needs the frames twice: pass a list, or an object that begins again each time it is "
             "iterated over"
         )
-    most = _FOR_READOUT if ratio is None else _FOR_LENS
-    return _rectified(FirstFrames(iter(frames), most), options, 1 / (fps or _USUAL_RATE))
+    return _rectified(frames, options, 1 / (fps or _USUAL_RATE))
 
 
 def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: float) -> Iterator[np.ndarray]:
-    clip = ArrayClip.of(frames, interval_s)
+    known = frames
+    if not isinstance(known, Sequence | np.ndarray):
+        known = FirstFrames(iter(frames), _FOR_READOUT if options.shutter.readout_ratio is None else _FOR_LENS)
+    clip = ArrayClip.of(known, interval_s)
     if clip is None:
         return
     request, camera, plan = make_plan(ClipRequest.of(clip, options))
     reason = camera.readout.instead_of
-    if reason is not None and not _shows_nothing(plan, frames):
+    if reason is not None and not _shows_nothing(plan, known):
         raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
-    if isinstance(frames, FirstFrames):
-        clip = replace(clip, arrays=frames.take_all())
-    rendering = Rendering(request, camera, plan)
+    if isinstance(known, FirstFrames):
+        clip = replace(clip, arrays=known.take_all())
+    rendering = Rendering(replace(request, clip=clip), camera, plan)
+    decoded = clip.frames_between()
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
+        decoded = _once_more(replace(clip, arrays=frames), rendering.stabilisation)
     warper = Warper(clip, options.undo)
-    for moving in rendering.moving(clip.frames_between()):
+    for moving in rendering.moving(decoded):
         (pixels,) = clip.pixels.arrays(warper.rectified(moving).picture)
         yield pixels
+
+
+def _once_more(clip: ArrayClip, first_pass: Stabilisation | None) -> Generator[ArrayFrame]:
+    """Yields the frames again; raises UsageError if they are not as many as in the first pass."""
+    expected = 0 if first_pass is None else len(first_pass.path)
+    number = 0
+    for number, frame in enumerate(clip.frames_between(), 1):
+        if number > expected:
+            break
+        yield frame
+    if number != expected:
+        more = "more" if number > expected else "fewer"
+        raise UsageError(f"the second pass has {more} frames than the first: stabilize needs all of them twice")
 
 
 def _shows_nothing(plan: Plan, frames: Iterable[np.ndarray]) -> bool:

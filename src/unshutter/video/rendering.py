@@ -74,10 +74,6 @@ class Rendering:
             for number, frame in enumerate(frames):
                 if self.stabilisation is not None:
                     path = self.stabilisation.path
-                    if number == len(path):
-                        raise UnshutterError(
-                            "{clip}: the second pass has more frames than the first", clip=self.request.clip.path
-                        )
                     view = self.stabilisation.view(number)
                     found = unchanged or path.finding(number)
                     yield MovingFrame(frame, found, path.cuts[number], step=path.middle_steps[number], view=view)
