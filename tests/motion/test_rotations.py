@@ -1,6 +1,7 @@
 """RotationMotion and the row homographies behind it; rotations are checked against SciPy's."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -191,6 +192,15 @@ def test_motions_that_fold_are_refused(degrees: tuple[float, float, float], says
     with pytest.raises(UnshutterError, match=says):
         turning((np.array(degrees) * 0.89,)).check_unfolded()
     turning((np.array(degrees) * 0.1,)).check_unfolded()
+
+
+def test_rows_at_the_border_fold_before_those_in_the_middle() -> None:
+    """A tilt moves a point by f (1 + y^2) times its angle: at y = 1 by twice as much as in the middle."""
+    rows = np.arange(240)[:, None] - 119.5
+    for per_row, folds in ((-0.7, True), (-0.4, False)):  # of the focal length
+        motion = RotationMotion(320, rotations=per_row / 120 * rows * [1.0, 0.0, 0.0], focal_px=120.0)
+        with pytest.raises(UnshutterError, match="faster than rows") if folds else nullcontext():
+            motion.check_unfolded()
 
 
 def test_pictures_are_warped_by_the_rotations() -> None:
