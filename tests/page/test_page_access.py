@@ -223,7 +223,8 @@ def test_what_waits_has_a_picture(page: Page, facade, walk: Path, tmp_path: Path
 def test_a_clip_shows_a_picture_and_words_before_the_program_answers(page: Page, walk: Path) -> None:
     held: list[Route] = []
     page.route("**/before?*", lambda route: route.continue_() if held else held.append(route))
-    drop(page, walk)
+    with page.expect_request("**/before?*"):
+        drop(page, walk)
     expect(page.locator("#player")).to_contain_text("opening the clip…")
     image = page.locator(".layer.before img")
     page.wait_for_function("() => document.querySelector('.layer.before img').naturalWidth > 40")
