@@ -36,7 +36,7 @@ class Clip(ABC):
     height: int  # rows of the stored frames [px]
     width: int  # their columns [px]
     interval_s: float  # the usual time from one frame to the next [s]
-    frames: int  # number of frames; 0 if unknown
+    frames: int  # number of frames, or of those that can be examined; 0 if unknown
     duration_s: float  # duration [s]; 0 if unknown
     # tags of the container and of the video stream; the latter take precedence
     tags: dict[str, str] = field(default_factory=dict)

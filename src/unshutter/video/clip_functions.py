@@ -33,7 +33,6 @@ from unshutter.video.outcome import ClipOutcome
 from unshutter.video.pixels import ArrayFrame
 from unshutter.video.plan import Leave, Plan, make_plan
 from unshutter.video.rendering import Rendering, with_steady_views
-from unshutter.video.stabilisation import Stabilisation
 
 _USUAL_RATE = 30.0  # frames per second
 _FOR_READOUT, _FOR_LENS = 240, 80  # frames of an iterator that are examined for the readout time, or only for the lens
@@ -187,7 +186,7 @@ def rectify_clip_frames(
         from_keywords(Steadiness, {"stabilize": stabilize, "zoom_limit": zoom_limit}),
     )
     if edges not in ("fill", "keep"):
-        raise UsageError(f"for frames from an iterator, edges must be fill or keep, not {edges}")
+        raise UsageError(f"for frames in arrays, edges must be fill or keep, not {edges}")
     check_time("fps", fps, "frames per second")
     if not isinstance(frames, Iterable):
         raise UsageError("frames must be a list, or another iterable, of arrays")
@@ -200,32 +199,32 @@ def rectify_clip_frames(
 
 
 def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: float) -> Iterator[np.ndarray]:
-    known = frames
-    if not isinstance(known, Sequence | np.ndarray):
-        known = FirstFrames(iter(frames), _FOR_READOUT if options.shutter.readout_ratio is None else _FOR_LENS)
-    clip = ArrayClip.of(known, interval_s)
+    examined = frames
+    if not isinstance(examined, Sequence | np.ndarray):
+        examined = FirstFrames(iter(frames), _FOR_READOUT if options.shutter.readout_ratio is None else _FOR_LENS)
+    clip = ArrayClip.of(examined, interval_s)
     if clip is None:
         return
     request, camera, plan = make_plan(ClipRequest.of(clip, options))
     reason = camera.readout.instead_of
-    if reason is not None and not _shows_nothing(plan, known):
+    if reason is not None and not _shows_nothing(plan, examined):
         raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
-    if isinstance(known, FirstFrames):
-        clip = replace(clip, arrays=known.take_all())
+    if isinstance(examined, FirstFrames):
+        clip = replace(clip, arrays=examined.take_all())
     rendering = Rendering(replace(request, clip=clip), camera, plan)
     decoded = clip.frames_between()
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
-        decoded = _once_more(replace(clip, arrays=frames), rendering.stabilisation)
+        assert rendering.stabilisation is not None
+        decoded = _once_more(replace(clip, arrays=frames), len(rendering.stabilisation.path))
     warper = Warper(clip, options.undo)
     for moving in rendering.moving(decoded):
         (pixels,) = clip.pixels.arrays(warper.rectified(moving).picture)
         yield pixels
 
 
-def _once_more(clip: ArrayClip, first_pass: Stabilisation | None) -> Generator[ArrayFrame]:
+def _once_more(clip: ArrayClip, expected: int) -> Generator[ArrayFrame]:
     """Yields the frames again; raises UsageError if they are not as many as in the first pass."""
-    expected = 0 if first_pass is None else len(first_pass.path)
     number = 0
     for number, frame in enumerate(clip.frames_between(), 1):
         if number > expected:
