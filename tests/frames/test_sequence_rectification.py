@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import unshutter
 from support.drawn_photos import one_line
 from support.frame_pairs import Scene, off
 from unshutter.cli import main
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.usual_ratio import usual_ratio
 from unshutter.photo import Photo
 
 RATIO = 0.8
@@ -150,6 +152,36 @@ def test_a_photo_that_says_nothing_is_straightened_by_its_neighbour_as_advised(
     assert off(Photo.open(out).pixels, FRAMES[1]) > 5
 
 
+@pytest.mark.parametrize("neighbours", [{"--before": 0}, {"--after": 2}, {"--before": 0, "--after": 2}])
+def test_without_a_ratio_neighbours_do_what_a_sequence_does(
+    shot: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], neighbours: dict[str, int]
+) -> None:
+    words = [word for side, number in neighbours.items() for word in (side, str(shot[number]))]
+    alike = ["--edges", "keep"]
+    assert main(["rectify", str(shot[1]), *words, *alike, "-o", str(tmp_path / "one.png")]) == 0
+    assert "; readout ratio 0.500 +- 0.250 (from usual value)" in capsys.readouterr().err
+    frames = [str(shot[k]) for k in sorted({1, *neighbours.values()})]
+    assert main(["rectify", *frames, "--sequence", *alike, "-o", str(tmp_path / "all")]) == 0
+    assert "unshutter: readout ratio 0.500 +- 0.250 (from usual value)" in capsys.readouterr().err
+    of_sequence = tmp_path / "all" / f"{shot[1].stem}.rectified.png"
+    assert (tmp_path / "one.png").read_bytes() == of_sequence.read_bytes()
+    # from Python, too
+    opened = [Photo.open(frame) for frame in frames]
+    again = list(unshutter.rectify_frames(opened, edges="keep"))[frames.index(str(shot[1]))]
+    np.testing.assert_array_equal(again.pixels, Photo.open(of_sequence).pixels)
+
+
+def test_photos_with_times_take_what_is_usual_for_their_camera(tmp_path: Path) -> None:
+    photos = []
+    for number in range(2):
+        exif = Image.Exif()
+        exif.update({0x010F: "Apple", 0x0110: "iPhone 12"})
+        exif.get_ifd(0x8769).update({0x9003: "2024:05:06 07:08:09", 0x9291: f"{100 + 100 * number}"})
+        Image.fromarray(FRAMES[number]).save(tmp_path / f"{number}.png", exif=exif)
+        photos.append(Photo.open(tmp_path / f"{number}.png"))
+    assert usual_ratio(photos).value == pytest.approx(0.7 * 20 / 100)
+
+
 def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "out.png"
     words = ["rectify", str(shot[0]), "--after", str(shot[1]), "--readout-ratio", str(RATIO), "-o", str(out)]
@@ -162,7 +194,6 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["--after", "{1}"], 1, "(2 frames are too few to show it): give --readout-ratio, or --readout-ms with --fps"),
         (["--after", "{1}", "--readout-ratio", "0"], 2, "above 0 and at most 1"),
         (["--after", "{folder}/none.png", "--readout-ratio", "1"], 1, "No such file"),
         (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--reference", "first"], 2, "choose one"),

@@ -23,6 +23,7 @@ from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import Link, copy_side, link, render_moment
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_ratio
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
+from unshutter.frames.usual_ratio import FEW, usual_ratio
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.grid import EdgePolicy, valid_window
@@ -152,6 +153,8 @@ class RectifiedFrame(Result):
             fill.
         model: motion model used: ``camera`` (one motion for the whole picture), ``dense`` (near and far objects move
             differently), or ``alone`` (the neighbours were inconclusive, so the photo alone was used).
+        ratio: readout ratio that was found, or taken because so few frames do not show it; None if it was stated, is
+            that of a whole sequence, or does not matter.
     """
 
     __slots__ = ("valid",)  # lets a field implement Result's abstract property
@@ -159,6 +162,7 @@ class RectifiedFrame(Result):
     _: KW_ONLY
     valid: np.ndarray
     model: Model = "dense"
+    ratio: ReadoutRatio | None = None
 
     @property
     def motion(self) -> Motion | None:
@@ -251,7 +255,7 @@ def rectify_frames(
 
     Raises:
         UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; or the
-            readout ratio was not stated and the frames do not reveal it.
+            readout ratio was not stated and more than three frames do not reveal it.
         UsageError: there are fewer than two frames, their sizes differ, or an option is invalid.
 
     Examples:
@@ -284,7 +288,7 @@ def _each(frames: Iterator[PhotoLike], options: SequenceOptions, inputs: list[Op
     if options.time is None:
         head = list(islice(frames, SEARCHED))
         frames = chain(head, frames)
-        options = _with_ratio(head, options)
+        options = with_ratio([open_photo(frame) for frame in head], options)
     before = current = None
     for source in frames:
         inputs += files_behind(source)
@@ -297,12 +301,19 @@ def _each(frames: Iterator[PhotoLike], options: SequenceOptions, inputs: list[Op
     yield _by_any_means(before, current, None, options)
 
 
-def _with_ratio(frames: list[PhotoLike], options: SequenceOptions) -> SequenceOptions:
-    """Returns the options with the readout ratio that the frames reveal; unchanged if nothing moves in them."""
+def with_ratio(frames: Sequence[Photo], options: SequenceOptions) -> SequenceOptions:
+    """Returns the options with the readout ratio that the frames reveal or, of few frames, a usual one.
+
+    They are returned unchanged if the ratio does not matter, because nothing moves, or if photos may be used alone.
+    Raises UnknownRatioError if more than three frames do not reveal it.
+    """
     finder = CameraMotion(None, options.focal_px, options.readout)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
         return replace(options, time=finder.ratio)
+    if len(frames) <= FEW and options.alone is None:
+        asked = any(motion.ratio_unknown for motion in silent) or options.needed_model == "dense"
+        return replace(options, time=usual_ratio(frames)) if asked else options
     if silent and options.alone is None and len(frames) > 1:
         raise _error_of(next((motion for motion in silent if motion.ratio_unknown), silent[0]))
     return options
@@ -324,7 +335,11 @@ def rectify_between(
         if each is not None:
             each.start_decoding(grey_px=copy_side(each.height, each.width))
     earlier, later = (None if each is None else Frame(each, options.readout) for each in (before, after))
-    return _by_any_means(earlier, Frame(photo, options.readout), later, options, camera_motion)
+    stated = options.time
+    if stated is None and camera_motion is None:
+        options = with_ratio([each for each in (before, photo, after) if each is not None], options)
+    result = _by_any_means(earlier, Frame(photo, options.readout), later, options, camera_motion)
+    return result if stated is not None else replace(result, ratio=options.time)
 
 
 def _by_any_means(
@@ -387,7 +402,7 @@ def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -
     """Returns the camera's motion around one of a few frames."""
     finder = CameraMotion(options.time, options.focal_px, options.readout)
     camera_motion = list(finder.frames(frame.photo for frame in frames))[number]
-    if finder.ratio is None and not camera_motion.stood_still:
+    if finder.ratio is None and camera_motion.ratio_unknown:
         raise _error_of(camera_motion)
     return camera_motion
 

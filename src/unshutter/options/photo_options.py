@@ -248,8 +248,8 @@ class Clock:
 
     readout_ratio: float | None = option(
         None,
-        "Readout time of a frame divided by the time between frames, 0 to 1. Default: found from a sequence, if "
-        "possible.",
+        "Readout time of a frame divided by the time between frames, 0 to 1. Default: found from the frames; two or "
+        "three cannot show it, so that which is usual for the camera, otherwise 0.5.",
         limits=(0, 1),
     )
     fps: float | None = option(

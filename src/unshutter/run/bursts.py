@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby, pairwise
 from pathlib import Path
 from statistics import median
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 _LONGEST_S = 0.201  # from one photo to the next; with more, a hand changes its speed too much (docs/research/bursts.md)
 _LONGEST_OF_TWO_S = 0.101  # two photos do not show how the speed changed
 _CLOCK_S = 0.012  # some cameras record hundredths of a second: intervals that differ by less are even
-_CAUTIOUS = 0.7  # of a usual readout time: one that is too long bends photos, one that is too short leaves them bent
 _SAME_EXPOSURE = 1.12  # ratio of exposure times; brackets have 1.26 or more
 
 
@@ -123,13 +122,14 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
     """Yields the photos of a burst whose motion their neighbours show, with that motion."""
     from unshutter.frames.frame_motion import AT_REST  # imported here: NumPy comes after decoding has begun
     from unshutter.frames.sequence import CameraMotion
+    from unshutter.frames.usual_ratio import cautious
     from unshutter.photo.exposure import DRONE, PHONE
 
     time = burst[0].readout
     if camera.readout_ms is not None:
         time = ReadoutTime.of_ms(camera.readout_ms, ReadoutSource.GIVEN)
     elif time in (PHONE, DRONE):
-        time = replace(time, seconds=_CAUTIOUS * time.seconds)
+        time = cautious(time)
     else:
         return
     gaps = [after.at_s - before.at_s for before, after in pairwise(burst)]

@@ -19,7 +19,7 @@ from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.pyav import FILM_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
-from unshutter.readout_time import ReadoutRatio, ReadoutSource
+from unshutter.readout_time import ReadoutRatio
 from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.bursts import bursts_among
 from unshutter.run.inputs import PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
@@ -310,7 +310,6 @@ def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
 
 _LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
 _MANY = 2.5  # a gap is longer than this many usual intervals
-_GUESSED_ERROR = 0.25  # of a usual readout ratio
 _RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
 
 
@@ -321,15 +320,15 @@ def add_motions(
 
     All photos in order, including finished ones, are neighbours. Each folder is a separate sequence, split by
     unreadable photos; the jobs of those photos report why they cannot be read. There is no ratio if the user has stated
-    it, or nothing moves; two frames cannot show it, so a usual one is taken.
+    it, or nothing moves; two or three frames cannot show it, so a usual one is taken.
     """
     from unshutter.frames.sequence import CameraMotion
-    from unshutter.frames.tracks import GUESSED_RATIO
+    from unshutter.frames.usual_ratio import FEW, usual_ratio
 
     stated = request.stated_ratio
     camera = request.find.camera
-    usual = ReadoutRatio(GUESSED_RATIO, _GUESSED_ERROR, ReadoutSource.USUAL)
-    for ratio in (stated, usual):
+    ratio = stated
+    while True:
         finder = CameraMotion(ratio, camera.focal_px, camera.direction)
         readable: list[Place] = []
         pairs: list[tuple[Place, Place]] = []  # consecutive photos
@@ -337,8 +336,9 @@ def add_motions(
         unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
         if unknown is None or finder.ratio is not None or request.neighbours.fallback:
             break
-        if len(readable) > 2:
+        if len(readable) > FEW:
             raise UnknownRatioError(str(unknown), unknown)
+        ratio = usual_ratio([open_input(place, max_pixels) for place in readable])
     motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
     after = {absolute(first): absolute(second) for first, second in pairs}
     before = {second: first for first, second in after.items()}

@@ -86,6 +86,7 @@ class Report:
         """Reports a photo that was changed or left unchanged."""
         verdict = outcome.verdict
         extras = {name: value for name in ("model", "note", "edges") if (value := getattr(outcome, name))}
+        extras |= {} if outcome.ratio is None else {"readout_ratio": outcome.ratio.value}
         extras |= {} if outcome.area_left is None else {"area_left": round(outcome.area_left, 4)}
         again = job.folder_log_odds is not None  # in view of the other photos of its folder
         if again:
@@ -110,7 +111,8 @@ class Report:
         details = verdict.described() if verdict else ""
         if told := self.total == 1 or self._plan.run.verbose:
             model = f"model {outcome.model}" if outcome.model and changed else ""
-            details = "; ".join(filter(None, (verdict and about(verdict), model)))
+            ratio = f"readout ratio {outcome.ratio}" if outcome.ratio and changed else ""
+            details = "; ".join(filter(None, (verdict and about(verdict), model, ratio)))
         more = (_about_edges(outcome), outcome.note if told else "")
         details = "; ".join(filter(None, (details, *more)))
         if job.burst is not None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from unshutter.motion.finding import Finding
     from unshutter.motion.rectified import Rectified, Result
     from unshutter.motion.verdict import Verdict
+    from unshutter.readout_time import ReadoutRatio
 
 
 SHEET_PX = 320  # long side of each picture of a sheet
@@ -77,6 +78,7 @@ class Outcome:
     model: str = ""  # motion model used for a photo with neighbours (frames/sequence_rectification.py); otherwise empty
     verdict: Verdict | None = None  # whether the photo was changed, and why not
     edges: Edges | None = None  # how areas that the photo did not see were handled; None: unchanged
+    ratio: ReadoutRatio | None = None  # readout ratio that was found, or taken, from a photo's neighbours
     area_left: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
     seconds: float = 0.0  # duration of the job
     source_is: str | None = None  # fingerprint of the photo that was read
@@ -117,10 +119,12 @@ def finish_job(job: Job, request: Rectify, given: Finding | None = None, ahead: 
     source_is = fingerprint(job.source)  # taken before reading: a photo that is modified later counts as changed
     begun = _begin(job, request, given, ahead)
     model = ""
+    ratio = None
     preview = None
     if request.neighbours or request.neighbours.sequence:
         result = _rectify_between(begun.photo, job, request)
         model = result.model
+        ratio = result.ratio
     else:
         result = _rectify_alone(begun, job, request, given)
     written = _write_all(result, job, request.save)
@@ -134,6 +138,7 @@ def finish_job(job: Job, request: Rectify, given: Finding | None = None, ahead: 
         edges=result.edges if result.changed else None,
         area_left=result.whole,
         model=model,
+        ratio=ratio,
         source_is=source_is,
         written=written,
         preview=preview,
