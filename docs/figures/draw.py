@@ -51,10 +51,10 @@ def before_after() -> None:
 
 def side_by_side(name: str, before: np.ndarray, after: np.ndarray, valid: np.ndarray) -> None:
     """Saves two pictures of one size: both in the frame of what the second one shows."""
-    from unshutter.motion.grid import valid_window
+    from unshutter.motion.edges import valid_window
     from unshutter.photo import Photo
 
-    window = valid_window(valid)
+    window = valid_window(valid, any_shape=True)
     parts = [each[window.top : window.bottom, window.left : window.right] for each in (before, after)]
     one, other = (Photo.from_array(np.ascontiguousarray(part)).image for part in parts)
     both = one.join(other, "horizontal", expand=True, shim=10, background=255)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 import unshutter
-from unshutter.motion.grid import valid_window
+from unshutter.motion.edges import valid_window
 from unshutter.photo import Photo
 from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
 from unshutter_lab.evaluation.place_cases import SUITES, PlaceCase
@@ -50,7 +50,7 @@ def undone(before: np.ndarray, **options: object) -> tuple[np.ndarray, np.ndarra
     """A photo and what unshutter makes of it, both in the frame of the crop."""
     result = unshutter.rectify(before, edges="keep", **options)
     print(options, result.changed, result.reason, round(result.verdict.largest_px))
-    window = valid_window(result.valid)
+    window = valid_window(result.valid, any_shape=True)
     rows, cols = slice(window.top, window.bottom), slice(window.left, window.right)
     return before[rows, cols], result.array[rows, cols]
 
@@ -95,7 +95,7 @@ def wobble() -> None:
     rotations = (moving.rotations(moving.row_times(frame)) for frame in range(3))
     frames = [place.seen(camera, each.transpose(0, 2, 1)) for each in rotations]
     results = list(unshutter.rectify_frames(frames, readout_ratio=0.8, edges="keep", reference="middle"))
-    window = valid_window(results[1].valid)
+    window = valid_window(results[1].valid, any_shape=True)
     rows, cols = slice(window.top, window.bottom), slice(window.left, window.right)
     show("symptom_wobbles", frames[1][rows, cols], results[1].array[rows, cols])
 

@@ -11,8 +11,8 @@ from support.frame_pairs import Scene, off
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, still
 from unshutter.cli import main
 from unshutter.frames.flow import Flow
+from unshutter.frames.model_choice import camera_misses, flow_misses
 from unshutter.frames.sequence import CameraMotion
-from unshutter.frames.sequence_rectification import camera_misses, flow_misses
 from unshutter.frames.tracks import follow
 from unshutter.options import Clock
 from unshutter.photo import Photo

@@ -9,8 +9,9 @@ import pytest
 from jaxtyping import TypeCheckError
 
 from support.checked import CHECKED, FOUND
+from unshutter.motion.edges import valid_window
 from unshutter.motion.geometry import gs_to_rs, rs_to_gs
-from unshutter.motion.grid import Extent, SamplingGrid, valid_window
+from unshutter.motion.grid import Extent, SamplingGrid
 from unshutter.motion.rotations import rotation_matrix
 
 

@@ -6,21 +6,22 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 import unshutter
 from support.frame_pairs import Scene
 from support.shaken_scenes import drawn_scene, shake
 from unshutter.errors import CropTooSmallError
-from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
-from unshutter.motion import grid
+from unshutter.motion import edges as edges_module
+from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.finding import Finding
-from unshutter.motion.grid import EdgePolicy, Tile
+from unshutter.motion.grid import Tile
 from unshutter.motion.warp import straighten
 from unshutter.options import Neighbours, Undo
 from unshutter.options.clip_options import ClipUndo
 from unshutter.options.photo_options import Clock
-from unshutter.orientation import Readout
 from unshutter.page import photo_jobs as screen
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
@@ -37,7 +38,7 @@ def leaving(share: float) -> Callable[[], Tile]:
 
 @pytest.mark.parametrize(
     ("asked", "share", "decision"),
-    [("auto", 0.81, "crop"), ("auto", 0.79, "fill"), ("auto", 0.0, "fill"), ("crop", 0.11, "crop")],
+    [("auto", 0.81, "crop"), ("auto", 0.11, "crop"), ("auto", 0.0, "keep"), ("crop", 0.11, "crop")],
 )
 def test_a_crop_is_decided_by_what_it_leaves(asked: Any, share: float, decision: str) -> None:
     made = EdgePolicy(asked).decide(SIZE, leaving(share))
@@ -59,16 +60,13 @@ def test_the_error_says_how_much_would_be_left_in_other_processes_too() -> None:
     assert pickle.loads(pickle.dumps(caught.value)).share_left == caught.value.share_left == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(("speed", "decision"), [(4, "crop"), (60, "fill")])
-def test_automatic_edges_of_frames_with_neighbours_are_not_black(speed: int, decision: str) -> None:
-    """Neither in a photo with a neighbour, which may be cropped, nor in a sequence, whose frames keep their size."""
-    frames = [Photo.from_array(Scene(speed=(speed, 1)).frame(number, 0.8)) for number in range(2)]
-    options = SequenceOptions(Clock(0.8).stated_ratio, Undo(), Readout.TOP_TO_BOTTOM, model="dense")
-    alone = rectify_between(frames[0], None, frames[1], options)
-    (first, _) = unshutter.rectify_frames(frames, readout_ratio=0.8, model="dense")
-    assert (alone.edges, first.edges) == (decision, "fill") and first.array.shape == frames[0].pixels.shape
-    for made in (alone, first):
-        assert made.changed and made.array.sum(axis=-1).min() > 0
+def test_automatic_edges_of_sequences_keep_coordinates_and_invent_nothing() -> None:
+    frames = [Photo.from_array(Scene(speed=(20, 1)).frame(number, 0.8)) for number in range(2)]
+    for model in ("dense", "camera"):
+        (first, _) = unshutter.rectify_frames(frames, readout_ratio=0.8, model=model)
+        assert first.edges == "keep" and first.array.shape == frames[0].pixels.shape
+        outside = cv2.erode((~first.valid).astype(np.uint8), np.ones((5, 5))) > 0
+        assert outside.sum() > 100 and not first.array[outside].any()
 
 
 def _straightened(folder: Path) -> None:
@@ -107,6 +105,6 @@ def test_every_surface_asks_the_policy(
     for folder in folders:
         folder.mkdir()
     surface(folders[0])
-    monkeypatch.setattr(grid, "LEAST_CROP", 0.9999)
+    monkeypatch.setattr(edges_module, "LEAST_CROP", 0.9999)
     with pytest.raises(CropTooSmallError):
         surface(folders[1])

@@ -10,12 +10,12 @@ from support.looking_back import backward_map
 from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
-from unshutter.motion.grid import valid_window
+from unshutter.motion.edges import valid_window
 from unshutter.motion.warp import edge_decision, rectify_pixels, straighten, validity_mask
 
 
-def rectangle(mask: np.ndarray) -> tuple[int, int, int, int]:
-    tile = valid_window(mask)
+def rectangle(mask: np.ndarray, any_shape: bool = False) -> tuple[int, int, int, int]:
+    tile = valid_window(mask, any_shape)
     return tile.left, tile.top, tile.right - tile.left, tile.bottom - tile.top
 
 
@@ -69,16 +69,15 @@ def test_fill_does_not_streak():
     assert np.ptp(filled[-1][corner].astype(int)) > 100
 
 
-def test_crop_keeps_the_aspect_and_only_valid_pixels():
+def test_crop_keeps_only_valid_pixels():
     for height, width in ((90, 120), (150, 100), (77, 77)):
         motion = shake(height, width)
         cropped = rectify_pixels(np.full((height, width), 200, np.uint8), motion, "crop")
         assert (cropped == 200).all()
         rows, cols = cropped.shape[:2]
-        assert abs(cols * height / width - rows) <= 1
         assert rows * cols > 0.5 * height * width
         seen = inside(*backward_map(motion), height, width, -1)
-        left, top, w, h = rectangle(seen)
+        left, top, w, h = rectangle(seen, any_shape=True)
         assert (w, h) == (cols, rows)
         kept = rectify_pixels(drawn_scene(height, width), motion)[top : top + h, left : left + w]
         assert np.array_equal(rectify_pixels(drawn_scene(height, width), motion, "crop"), kept)
@@ -105,6 +104,53 @@ def test_largest_rectangle_equals_brute_force(seed, height, width, holes):
     assert best == 0 or mask[top : top + h, left : left + w].all()
 
 
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 10**6), height=st.integers(1, 12), width=st.integers(1, 12), holes=st.integers(0, 6))
+def test_the_crop_is_the_largest_of_any_shape_or_nearly_and_of_the_photos_shape(seed, height, width, holes):
+    rng = np.random.default_rng(seed)
+    mask = np.ones((height, width), dtype=bool)
+    mask[rng.integers(0, height, holes), rng.integers(0, width, holes)] = False
+    left, top, w, h = rectangle(mask, any_shape=True)
+    best = max(
+        (bottom - y) * (right - x) * mask[y:bottom, x:right].all()
+        for y in range(height)
+        for bottom in range(y + 1, height + 1)
+        for x in range(width)
+        for right in range(x + 1, width + 1)
+    )
+    assert mask[top : top + h, left : left + w].all()
+    shaped = rectangle(mask)
+    if best - shaped[2] * shaped[3] < 0.03 * height * width:
+        assert (left, top, w, h) == shaped
+    else:
+        assert w * h == best
+
+
+def test_a_leaning_photo_is_cropped_to_the_largest_rectangle_of_any_shape():
+    """The demo's case: a shear takes a triangle of each side; the photo's own shape would lose its height as well."""
+    lean = RowMotion.from_polynomials([0, 120], [0], 480, 640)
+    found = straighten(drawn_scene(480, 640), lean, "auto")
+    assert found.edges == "crop" and found.pixels.shape[:2] == (480, 640 - 119)
+    shaped = straighten(drawn_scene(480, 640), RowMotion.from_polynomials([0, 9], [0], 480, 640), "auto")
+    height, width = shaped.pixels.shape[:2]  # here the photo's shape costs less than 3 % of the area
+    assert width == 632 and height == round(632 * 480 / 640)
+
+
+@pytest.mark.parametrize(("height", "width"), [(600, 800), (1500, 2000)])
+def test_the_search_in_large_masks_finds_what_a_search_of_every_pixel_finds(height, width):
+    """Against all pairs of rows of a mask whose rows are seen from one column to another."""
+    row, col = np.mgrid[:height, :width]
+    mask = (np.abs(col - width / 2 - 0.1 * row) < 0.41 * width - 0.0003 * (row - height / 3) ** 2) & (row > 11)
+    first, last = mask.argmax(1), width - mask[:, ::-1].argmax(1)
+    best = 0
+    for top in range(12, height):
+        wide = np.minimum.accumulate(last[top:]) - np.maximum.accumulate(first[top:])
+        best = max(best, int((wide * np.arange(1, height - top + 1)).max()))
+    left, top, w, h = rectangle(mask, any_shape=True)
+    assert mask[top : top + h, left : left + w].all()
+    assert w * h >= 0.999 * best or (w * h >= best - 0.03 * height * width and abs(w / h - width / height) < 0.01)
+
+
 def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
     row, col = np.mgrid[:1500, :2003]
     mask = (np.hypot(row - 700, col - 1100) < 600) & (col > 700)
@@ -116,7 +162,7 @@ def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
 def test_crop_that_leaves_nothing_says_so():
     image = np.full((100, 100), 9, np.uint8)
     with pytest.raises(UnshutterError, match="9 % of the photo: use other edges, keep or fill"):
-        rectify_pixels(image, RowMotion(100, np.full(100, 71.0), np.zeros(100)), "crop")
+        rectify_pixels(image, RowMotion(100, np.full(100, 92.0), np.zeros(100)), "crop")
     with pytest.raises(UnshutterError, match="0 % of the photo"):
         rectify_pixels(image, RowMotion(100, np.full(100, 500.0), np.zeros(100)), "crop")
 
@@ -126,18 +172,25 @@ def test_large_pictures_are_cropped_to_what_the_photo_saw(height: int, width: in
     motion = shake(height, width)
     found = straighten(np.full((height, width), 200, np.uint8), motion, "crop")
     assert (found.pixels == 200).all()
-    exact = rectangle(validity_mask(motion))
+    exact = rectangle(validity_mask(motion), any_shape=True)
     assert found.pixels.shape[1] >= exact[2] - 8
     assert found.whole == pytest.approx(found.pixels.size / (height * width))
 
 
-@pytest.mark.parametrize(("share", "edges"), [(0.3, "crop"), (2.5, "fill")])
-def test_automatic_edges_crop_where_little_is_lost(share: float, edges: str):
+@pytest.mark.parametrize("share", [0.3, 5.0])
+def test_automatic_edges_crop_however_much_is_lost(share: float):
     pixels, motion = drawn_scene(300, 400), shake(300, 400, share)
     found = straighten(pixels, motion, "auto")
-    assert found.edges == edges
-    assert found.whole is not None and (found.whole >= 0.8) == (edges == "crop")
-    np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, found.edges))
+    assert found.edges == "crop" and found.whole is not None and (found.whole < 0.8) == (share == 5.0)
+    np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, "crop"))
+
+
+def test_where_a_crop_leaves_next_to_nothing_automatic_edges_keep_the_photo():
+    pixels = drawn_scene(100, 100)
+    motion = RowMotion(100, np.full(100, 95.0), np.zeros(100))
+    found = straighten(pixels, motion, "auto")
+    assert found.edges == "keep" and found.whole == pytest.approx(0.06, abs=0.011)
+    np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, "keep"))
 
 
 @pytest.mark.parametrize(("height", "width"), [(90, 120), (1001, 1503)])

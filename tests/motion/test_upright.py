@@ -56,10 +56,30 @@ def test_verticals_come_out_vertical_and_level_lines_level(roll_deg: float, tilt
             col, row = pose.leaning(*line, HEIGHT, WIDTH, back=True)
             np.testing.assert_allclose(col if vertical else row, (col if vertical else row)[0], atol=1e-6)
             np.testing.assert_allclose(pose.leaning(col, row, HEIGHT, WIDTH), line, atol=1e-6)
-    middle = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
-    np.testing.assert_allclose(pose.leaning(*middle, HEIGHT, WIDTH), middle)
-    sides = pose.leaning(np.array([middle[0] - 0.5, middle[0] + 0.5]), np.full(2, middle[1]), HEIGHT, WIDTH)
-    assert np.hypot(*np.diff(sides, axis=1)) == pytest.approx(1, abs=1e-5)  # as large as before
+    if tilt_deg == 0:
+        middle = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+        np.testing.assert_allclose(pose.leaning(*middle, HEIGHT, WIDTH), middle)
+        sides = pose.leaning(np.array([middle[0] - 0.5, middle[0] + 0.5]), np.full(2, middle[1]), HEIGHT, WIDTH)
+        assert np.hypot(*np.diff(sides, axis=1)) == pytest.approx(1, abs=1e-5)  # as large as before
+
+
+@pytest.mark.parametrize("tilt_deg", [-20.0, 3.0, 24.0])
+@pytest.mark.parametrize("up", [(0, -1), (1, 0)])
+def test_a_tower_keeps_its_crown_and_its_foot(tilt_deg: float, up: tuple[int, int]) -> None:
+    """Where both ends of the photo's middle lie in the upright picture, and how much of the photo does."""
+    pose = Pose(0.0, tilt_deg, FOCAL, up)
+    last = np.array([WIDTH, HEIGHT]) - 1
+    middle = last / 2
+    ends = np.array([middle - middle * np.abs(up), middle + middle * np.abs(up)]).T
+    there = np.array(pose.leaning(ends[0], ends[1], HEIGHT, WIDTH, back=True))
+    assert (there >= -1).all() and (there <= last[:, None] + 1).all()
+    if tilt_deg > 5:  # none of the picture is wasted above or below
+        along = there[int(up == (0, -1))]
+        np.testing.assert_allclose(np.sort(along), [0, last[int(up == (0, -1))]], atol=1)
+    col, row = np.meshgrid(np.linspace(0, last[0], 41), np.linspace(0, last[1], 41))
+    seen_col, seen_row = pose.leaning(col, row, HEIGHT, WIDTH, back=True)
+    kept = (seen_col >= -1) & (seen_col <= WIDTH) & (seen_row >= -1) & (seen_row <= HEIGHT)
+    assert kept.mean() > 0.97
 
 
 def test_level_undoes_the_roll_alone() -> None:

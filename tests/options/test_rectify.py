@@ -26,7 +26,7 @@ def test_a_value_has_the_options_that_it_was_made_with() -> None:
 
 def test_what_follows_from_options_for_others() -> None:
     assert Rectify(motion=Path("m.json")).settled().undo == Undo(min_confidence=0)
-    assert Rectify(neighbours=SEQUENCE).settled().undo == Undo(edges="fill")
+    assert Rectify(neighbours=SEQUENCE).settled().undo == Undo(edges="keep")
     assert Rectify(neighbours=SEQUENCE, undo=Undo(edges="crop")).settled().undo == Undo(edges="crop")
     assert Rectify(undo=Undo(min_confidence=0)).settled().find == Find(odds=Odds(least_confidence=0))
     assert Rectify().settled() == Rectify()

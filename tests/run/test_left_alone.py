@@ -85,7 +85,7 @@ def test_a_line_says_one_thing_unless_more_is_wanted(folder: Path, capsys: pytes
         assert found(*words, *more) == 0
         told = capsys.readouterr().err.splitlines()
         assert told[0].endswith(
-            "(points moved by up to 9.0 px, confidence 0.90: likely; cropped to 84 %)"
+            "(points moved by up to 9.0 px, confidence 0.90: likely; cropped to 92 %)"
         )  # of every changed photo
         assert ("--min-confidence" in told[3]) == advised
 
@@ -226,31 +226,31 @@ def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:
 # ---- edges -----------------------------------------------------------------------------------------------
 
 
-def test_little_is_cropped_away_much_is_filled_and_both_are_said(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_not_seen_is_cropped_away_and_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photo, motion, out = folder / "clear.jpg", folder.parent / "m.json", folder.parent / "out.png"
+    log = folder.parent / "log.jsonl"
     height, width = Photo.open(photo).pixels.shape[:2]
-    for px, said in (
-        (4, r"up to 4.0 px; cropped to (\d\d) %"),
-        (40, r"up to 40 px; corners filled: .* leave (\d\d) %"),
-    ):
-        RowMotion.from_polynomials([0, px], [0], height, width).save(motion)
-        assert rectify(photo, "-o", out, "--motion", motion, "--overwrite") == 0
-        found = re.search(said, capsys.readouterr().err)
-        assert found is not None
+    look = ", please look: --edges keep or fill would keep its size"
+    for part, said in ((0.04, ""), (0.5, look), (3, None)):
+        RowMotion.from_polynomials([0, part * width], [0], height, width).save(motion)
+        assert rectify(photo, "-o", out, "--motion", motion, "--overwrite", "--json-log", log) == 0
+        told = capsys.readouterr().err
+        noted = next(json.loads(line) for line in log.read_text().splitlines() if "area_left" in line)
         share = Photo.open(out).height * Photo.open(out).width / (height * width)
-        assert (share < 1) == (px == 4)
-        assert (int(found[1]) >= 80) == (px == 4)
-        assert px != 4 or int(found[1]) == round(100 * share)
+        if said is None:  # next to nothing is left
+            assert share == 1 and re.search(r"not cropped, please look: \d % would be left; --edges fill", told)
+        else:
+            assert f"; cropped to {round(100 * share)} %{said})" in told
+        assert noted["please_look"] == (said != "") and noted["edges"] == ("keep" if said is None else "crop")
+        log.unlink()
 
 
 def test_coordinates_that_are_wanted_are_kept(folder: Path) -> None:
     out, motion = folder.parent / "out.png", folder.parent / "m.json"
     assert rectify(folder / "clear.jpg", "-o", out, "--save-motion", motion) == 0
     assert Photo.open(out).pixels.shape == Photo.open(folder / "clear.jpg").pixels.shape
-    filled = out.with_name("filled.png")
-    assert rectify(folder / "clear.jpg", "-o", filled, "--edges", "fill") == 0
-    assert same(out, filled)
+    kept = out.with_name("kept.png")
+    assert rectify(folder / "clear.jpg", "-o", kept, "--edges", "keep") == 0
+    assert same(out, kept)
     assert rectify(folder / "clear.jpg", "-o", out, "--overwrite") == 0
     assert Photo.open(out).width < Photo.open(folder / "clear.jpg").width

@@ -116,7 +116,7 @@ def test_a_result_that_was_edited_to_the_same_size(motion: Path, tmp_path: Path,
         (out / name).write_bytes(whole[:-1] + b"!")
         before = (out / name).stat()
         os.utime(out / name, ns=(before.st_atime_ns, before.st_mtime_ns))
-        words = ["--motion", motion, "--save-motion", out, "--edges", "keep"]
+        words = ["--motion", motion, "--save-motion", out, "--edges", "fill"]
         assert rectify(tmp_path / "in", "-o", out, *words) == 1
         assert f"{name} exists already" in capsys.readouterr().err
         assert (out / name).read_bytes().endswith(b"!")

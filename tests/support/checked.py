@@ -28,6 +28,7 @@ CHECKED = {
     "unshutter_lab.methods.row_map",
     "unshutter.motion.verdict",
     "unshutter_lab.synthesis.row_motions",
+    "unshutter.motion.edges",
     "unshutter.motion.grid",
     "unshutter.motion.warp",
 }

@@ -19,6 +19,8 @@ from unshutter.frames.tracks import Tracks
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
+from unshutter.motion.motion import row_index
+from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio
 from unshutter.orientation import Readout
@@ -145,6 +147,24 @@ class FrameMotion:
         except UnshutterError as error:
             return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
         return Finding(motion.rereferenced(reference), estimator=NAME, source=MotionSource.NEIGHBOURS)
+
+    def as_seen_from(self, neighbour: int, reference: Reference) -> RotationMotion:
+        """Returns the motion that takes a neighbour's rows to the moment of a row of this frame; needs a fit.
+
+        Args:
+            neighbour: -1 for the frame before, 1 for the frame after.
+
+        Raises:
+            UnshutterError: the camera turned too far, or too fast.
+        """
+        assert self.fit is not None
+        rows = (np.arange(self.height) + 0.5) / self.height
+        interval = self.after or 1.0 if neighbour < 0 else 1.0
+        first, moment = self.turn(self.ratio * rows[[0, row_index(reference, self.height)]])
+        turn = rotation_matrix(self.turn(neighbour * interval + self.ratio * rows) - first)
+        rotations = rotation_vector(turn @ rotation_matrix(moment - first).T)
+        focal = self.fit.focal_px * self.height / ROWS
+        return RotationMotion(self.width, rotations, focal, self.lens, readout=self.readout, reference=reference)
 
     def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """Returns the camera's rotation [rad] at times after the frame's first row [frame intervals]; needs a fit."""

@@ -23,7 +23,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.flow import Field, Flow, bilinear, field_between, flow_between, joined
 from unshutter.frames.frame_motion import Timing
 from unshutter.motion.grid import SamplingGrid, Tile
-from unshutter.motion.warp import sampled_pixels, thread_count
+from unshutter.motion.warp import sampled_pixels, seen_mask, thread_count
 from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
@@ -156,7 +156,8 @@ class Rendering:
     """A picture of one moment."""
 
     pixels: UInt[np.ndarray, "height width bands"]  # of the frame's size and type
-    valid: Bool[np.ndarray, "height width"]  # mask of the pixels whose content some frame shows
+    valid: Bool[np.ndarray, "height width"]  # mask of the pixels whose content some frame shows, if it may be borrowed
+    own: Bool[np.ndarray, "height width"]  # mask of those that frame 0 shows
     largest_px: float  # largest displacement of anything in frame 0
     reason: Reason | None = None  # why the frame was left unchanged; None if it was changed
 
@@ -225,7 +226,8 @@ def render_moment(
     height, width = frames[0].shape[:2]
     motion = motion_field(links, timing, moment)
     if motion.reason:
-        return Rendering(frames[0], np.ones((height, width), bool), motion.largest_px, motion.reason)
+        everything = np.ones((height, width), bool)
+        return Rendering(frames[0], everything, everything, motion.largest_px, motion.reason)
     starts = {0: 0.0, **{side: side * links[side].apart for side in links}}
     grids = {frame: _grid(motion.field, starts[frame], height, width) for frame in starts}
     warped = {
@@ -233,7 +235,9 @@ def render_moment(
         for frame, grid in grids.items()
     }
     others = [warped[side] for side in links]
-    return Rendering(*fuse(warped[0], others, timing, moment, borrow), motion.largest_px)
+    pixels, valid = fuse(warped[0], others, timing, moment, borrow)
+    own = seen_mask(grids[0]) if borrow else valid
+    return Rendering(pixels, valid, own, motion.largest_px)
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:

@@ -1,104 +1,41 @@
 """Rectifies photos with the help of their neighbours in time, by one motion of the camera or a motion of every pixel.
 
-Corners tracked to the neighbours decide. Those on near or moving objects did not contribute to the camera's motion, and
-none of them contributed to the flow. If the camera's motion predicts their positions about as well as the flow does, it
-is the better model: it is smooth over time and includes how the speed changes during the readout.
+What the photo itself did not see is taken from its neighbours where they saw it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property
 from itertools import chain, islice, pairwise
 from typing import Literal
 
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
-from unshutter.frames.camera import ROWS, turn_jacobian
+from unshutter.frames.borrowing import borrow
 from unshutter.frames.find import find
-from unshutter.frames.flow import Flow, bilinear
+from unshutter.frames.frame import Frame, pixels_like
 from unshutter.frames.frame_motion import Timing
-from unshutter.frames.neighbours import Link, copy_side, link, render_moment
+from unshutter.frames.model_choice import better_model
+from unshutter.frames.neighbours import copy_side, render_moment
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_ratio
-from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.frames.usual_ratio import FEW, usual_ratio
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.edges import EdgePolicy, valid_window
 from unshutter.motion.finding import Finding
-from unshutter.motion.grid import EdgePolicy, valid_window
 from unshutter.motion.rectified import Rectified, Result, render
 from unshutter.motion.verdict import Verdict, judge
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Reference, Undo, model_for
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
 from unshutter.photo import Photo
-from unshutter.photo.photo import PhotoLike, check_size, files_behind, open_photo
+from unshutter.photo.photo import PhotoLike, files_behind, open_photo
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Cause, MotionSource
 from unshutter.storage.opened import Opened
 
 Model = Literal["camera", "dense", "alone"]
-
-
-class Frame:
-    """A photo of a sequence, and the flow to the next one."""
-
-    def __init__(self, source: PhotoLike, readout: Readout, inputs: Sequence[Opened] | None = None) -> None:
-        photo = open_photo(source)
-        self.photo, self._readout = photo if inputs is None else replace(photo, made_from=inputs), readout
-        self.to_next: Link | None = None
-        check_size(*self._size, "{photo}", photo=self.name)
-
-    @property
-    def name(self) -> str:
-        """Name of the frame in messages."""
-        return str(self.photo.path or "the photo")
-
-    @property
-    def pixels(self) -> np.ndarray:
-        """Pixels [H, W, bands] in the readout frame."""
-        return np.ascontiguousarray(self._readout.turn(self.photo.pixels))
-
-    @cached_property
-    def _tracked(self) -> np.ndarray:
-        """The grey copy [h, w] in which corners are tracked."""
-        return np.ascontiguousarray(self._readout.turn(self.photo.grey(TRACKED_SIDE)))
-
-    def check_like(self, following: Frame) -> None:
-        """Raises UnshutterError if the next frame has another size or number of bands."""
-        if self._size != following._size:
-            sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
-            raise UnshutterError(
-                f"{{photo}} has {sizes[0]} but {{neighbour}} has {sizes[1]}: neighbours must have the same size",
-                photo=self.name,
-                neighbour=following.name,
-            )
-        if self.photo.bands != following.photo.bands:
-            raise UnshutterError(
-                f"{{photo}} has {self.photo.bands} bands but {{neighbour}} has {following.photo.bands}: "
-                "neighbours must have the same number of bands",
-                photo=self.name,
-                neighbour=following.name,
-            )
-
-    def connect(self, following: Frame) -> None:
-        """Computes the flow to the next frame, once; call :meth:`check_like` first."""
-        if self.to_next is None:
-            self.to_next = link(self._copy, following._copy)
-
-    def tracks_to(self, following: Frame) -> Tracks:
-        """Tracks corners to the next frame."""
-        return follow(self._tracked, following._tracked)
-
-    @property
-    def _size(self) -> tuple[int, int]:
-        return self.photo.height, self.photo.width
-
-    @cached_property
-    def _copy(self) -> np.ndarray:
-        """The small grey copy [h, w] in which motion is estimated."""
-        return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
 
 
 @dataclass(frozen=True)
@@ -119,6 +56,7 @@ class SequenceOptions:
     focal_px: float | None = None  # focal length of the camera [px of the photo]; None to use EXIF's, or estimate it
     # how motion is estimated from the photo alone if its neighbours are inconclusive; None not to
     alone: Find | None = None
+    uncropped: bool = False  # whether pictures keep their size even where a crop is decided, as for the screen
 
     def __post_init__(self) -> None:
         if self.at is not None and not -1 <= self.at <= 1:
@@ -149,8 +87,8 @@ class RectifiedFrame(Result):
     """A photo rectified with the help of its neighbours.
 
     Attributes:
-        valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows the content, before any crop or
-            fill.
+        valid: bool [H, W], where the original (or a neighbour, if pixels were borrowed) shows the content, before any
+            crop or fill.
         model: motion model used: ``camera`` (one motion for the whole picture), ``dense`` (near and far objects move
             differently), or ``alone`` (the neighbours were inconclusive, so the photo alone was used).
         ratio: readout ratio that was found, or taken because so few frames do not show it; None if it was stated, is
@@ -182,42 +120,52 @@ def rectify_densely(
     frames, links = {0: current.pixels}, {}
     for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, current.to_next)):
         if neighbour is not None and connection is not None:
-            frames[side], links[side] = _alike(neighbour, current), connection
-    timing, edges = options.timing(frames[0].shape[0]), options.undo.edges
+            theirs = pixels_like(neighbour, current.photo)
+            frames[side], links[side] = np.ascontiguousarray(options.readout.turn(theirs)), connection
+    timing = options.timing(frames[0].shape[0])
+    edges = options.undo.edges
     picture = render_moment(
         frames,
         links,
         timing,
         options.moment(timing),
-        borrow=edges == "borrow",
-        fill=edges in ("fill", "auto"),  # what a crop leaves is the same
+        borrow=edges in ("borrow", "auto"),
+        fill=edges == "fill",
         masked=current.photo.masked,
     )
     back = -options.readout.quarter_turns
-    pixels, valid = np.rot90(picture.pixels, back), np.rot90(picture.valid, back)
+    pixels, valid, own = (np.rot90(each, back) for each in (picture.pixels, picture.valid, picture.own))
     nothing = RowMotion.zero(*frames[0].shape[:2], readout=options.readout)
     no_single_motion = Finding(nothing, estimator="frames-dense", source=MotionSource.NEIGHBOURS)
     if picture.reason:
         return RectifiedFrame(current.photo, current.photo, Verdict(no_single_motion, 0.0, picture.reason), valid=valid)
-    edges, window, whole = EdgePolicy(options.undo.edges).decide(valid.shape, lambda: valid_window(valid))
-    pixels = pixels[window.top : window.bottom, window.left : window.right]
-    photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
-    return RectifiedFrame(
-        photo, current.photo, Verdict(no_single_motion, picture.largest_px), edges, whole, valid=valid
-    )
+    verdict = Verdict(no_single_motion, picture.largest_px)
+    return _framed(current.photo, verdict, pixels, valid, own, options, "dense")
 
 
-def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
-    """Returns a neighbour's pixels after checking their type."""
-    theirs, own = neighbour.pixels, frame.photo.pixels
-    if theirs.dtype != own.dtype:
-        bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
-        raise UnshutterError(
-            f"{{photo}} has {bits[0]} but {{neighbour}} has {bits[1]}: they must have the same bit depth",
-            photo=frame.name,
-            neighbour=neighbour.name,
-        )
-    return theirs
+def _framed(
+    photo: Photo,
+    verdict: Verdict,
+    pixels: np.ndarray,
+    valid: np.ndarray,
+    own: np.ndarray,
+    options: SequenceOptions,
+    model: Model,
+) -> RectifiedFrame:
+    """Returns the result with its edges handled.
+
+    Args:
+        valid: bool [H, W], what was seen by any frame that pixels were taken from.
+        own: bool [H, W], what the photo itself saw.
+    """
+    asked = options.undo.edges
+    edges, window, whole = EdgePolicy(asked).decide(valid.shape, lambda: valid_window(valid, any_shape=True))
+    inside = slice(window.top, window.bottom), slice(window.left, window.right)
+    if asked == "auto" and edges == "crop" and not own[inside].all():
+        edges = "borrow"
+    if not options.uncropped:
+        pixels = np.ascontiguousarray(pixels[inside])
+    return RectifiedFrame(photo.with_pixels(pixels), photo, verdict, edges, whole, valid=valid, model=model)
 
 
 # ---- a sequence, and one photo with its neighbours -----------------------------------------------------------------
@@ -248,7 +196,8 @@ def rectify_frames(
         focal_px: focal length [px of the frames]; by default EXIF's, otherwise it is estimated.
         at: time of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
         fallback: whether a frame whose neighbours are inconclusive is rectified on its own.
-        edges: as for :func:`rectify`, but ``auto`` is ``fill``: all frames keep their size and pixel coordinates.
+        edges: as for :func:`rectify`, but ``auto`` is ``keep``: all frames keep their size and pixel coordinates.
+            ``borrow`` takes what a frame did not see from its neighbours.
 
     Yields:
         The result for each frame.
@@ -361,7 +310,7 @@ def _by_any_means(
         if options.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
             return result
     finding = find(current.photo, options.alone).choose(options.alone.candidate)
-    return _rectify_by(finding, current.photo, options.undo, "alone")
+    return _rendered(current.photo, _judged(finding, current.photo, options), options, "alone")
 
 
 def _by_neighbours(
@@ -382,20 +331,39 @@ def _by_neighbours(
         else:
             options = replace(options, time=ReadoutRatio(camera_motion.ratio, source=ReadoutSource.FRAMES))
         if (options.needed_model or better_model(camera_motion, before, current, after)) == "camera":
-            return rectify_by_camera(current.photo, camera_motion, options.undo)
+            neighbours = {side: frame for side, frame in ((-1, before), (1, after)) if frame is not None}
+            return rectify_by_camera(current.photo, camera_motion, options, neighbours)
     for first, second in pairwise(frames):
         first.connect(second)
     return rectify_densely(before, current, after, options)
 
 
-def rectify_by_camera(photo: Photo, motion: FrameMotion, undo: Undo) -> RectifiedFrame:
-    """Rectifies a photo by the camera's motion that a sequence shows."""
-    return _rectify_by(motion.finding(undo.reference or "first"), photo, undo, "camera")
+def rectify_by_camera(
+    photo: Photo, motion: FrameMotion, options: SequenceOptions, neighbours: Mapping[int, Frame] | None = None
+) -> RectifiedFrame:
+    """Rectifies a photo by the camera's motion that a sequence shows.
+
+    Args:
+        neighbours: -1 and 1 -> the frames before and after it, from which automatic edges are borrowed.
+    """
+    undo = options.undo
+    verdict = _judged(motion.finding(undo.reference or "first"), photo, options)
+    if neighbours and verdict.undoes and undo.edges == "auto" and undo.strength == 1:
+        lenders = {side: pixels_like(frame, photo) for side, frame in neighbours.items()}
+        borrowed = borrow(photo, verdict.motion, motion, lenders)
+        if borrowed is not None:
+            return _framed(photo, verdict, *borrowed, options, "camera")
+    return _rendered(photo, verdict, options, "camera")
 
 
-def _rectify_by(finding: Finding, photo: Photo, undo: Undo, model: Model) -> RectifiedFrame:
-    verdict = judge(finding.fit(photo.height, photo.width), undo)
-    return RectifiedFrame.of(render(photo, verdict, undo.edges), model)
+def _judged(finding: Finding, photo: Photo, options: SequenceOptions) -> Verdict:
+    return judge(finding.fit(photo.height, photo.width), options.undo)
+
+
+def _rendered(photo: Photo, verdict: Verdict, options: SequenceOptions, model: Model) -> RectifiedFrame:
+    policy = EdgePolicy(options.undo.edges)
+    edges = "keep" if options.uncropped and policy.may_crop else policy.edges
+    return RectifiedFrame.of(render(photo, verdict, edges), model)
 
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
@@ -413,52 +381,3 @@ def _error_of(motion: FrameMotion) -> UnknownRatioError:
     if motion.ratio_unknown:
         return UnknownRatioError(str(motion.reason), motion.reason)
     return UnknownRatioError.because(motion.reason)
-
-
-# ---- the choice of the model ----------------------------------------------------------------------------------------
-
-_SHARE = 75  # percentile of the corners' errors that is compared
-_LEAST, _WORSE = 0.1, 1.5  # error always allowed [px of ROWS rows]; plus this multiple of the flow's
-_FEWEST = 12  # corners
-
-
-def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
-    """Chooses the model that suits a frame better; computes optical flow only if the camera model may be poor."""
-    if camera.fit is None:
-        return "camera" if camera.stood_still else "dense"
-    for first, earlier, later in ((-1, before, current), (0, current, after)):
-        if earlier is None or later is None:
-            continue
-        tracks = earlier.tracks_to(later)
-        missed = camera_misses(camera, tracks, first)
-        if missed <= _LEAST or not tracks:  # where nothing can be followed, neither model is better
-            continue
-        earlier.connect(later)
-        if earlier.to_next is None or missed > _LEAST + _WORSE * flow_misses(earlier.to_next.flow, tracks):
-            return "dense"
-    return "camera"
-
-
-def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
-    """Returns the 75th percentile of the corners' distance from the camera motion's prediction [px of ROWS rows].
-
-    Args:
-        first: number of the earlier frame, counted from ``camera``'s frame.
-    """
-    if camera.fit is None or len(tracks) < _FEWEST:
-        return np.inf
-    unit = ROWS / tracks.height
-    ends = (np.stack([tracks.start, tracks.end]) + 0.5) * unit
-    rows = np.clip(ends[..., 1] / ROWS, 0, 1)
-    turn = [camera.turn(first + k + camera.ratio * rows[k]) for k in (0, 1)]
-    J_turn = turn_jacobian(ends.mean(axis=0), tracks.width * unit, camera.fit.focal_px)[..., :3]
-    led = np.einsum("nij,nj->ni", J_turn, (turn[1] - turn[0]) * camera.fit.focal_px)
-    return float(np.percentile(np.hypot(*(ends[1] - ends[0] - led).T), _SHARE))
-
-
-def flow_misses(flow: Flow, tracks: Tracks) -> float:
-    """Returns the 75th percentile of the corners' distance from the flow's prediction [px of ROWS rows]."""
-    scale = flow.forward.shape[0] / tracks.height
-    at = ((tracks.start + 0.5) * scale - 0.5).astype(np.float32)[:, None]
-    led = bilinear(flow.forward, at)[:, 0] / scale
-    return float(np.percentile(np.hypot(*(tracks.end - tracks.start - led).T), _SHARE)) * ROWS / tracks.height

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from unshutter.motion import Motion
 from unshutter.motion.finding import Candidate, Finding
 from unshutter.motion.verdict import Verdict
-from unshutter.options import Edges, PictureFormat, Save, Subsampling
+from unshutter.options import LEAST_GOOD_CROP, Edges, PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS, of_suffix, of_target
@@ -65,6 +65,11 @@ class Result(ABC):
     def reason(self) -> str:
         """The reason why the photo was left unchanged, ``only 3 straight segments found``; empty if it was changed."""
         return self.verdict.sentence
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether someone should compare both pictures: the motion is large but unsure, or a crop left little."""
+        return self.verdict.needs_a_look or (self.whole is not None and self.whole < LEAST_GOOD_CROP)
 
     @property
     def pixels(self) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 A camera that turns about its centre moves the picture by a homography K R K^-1. Tilted upwards and rolled clockwise, it
 sees the scene's axes (right, down, ahead) through R = R_z(-roll) R_x(tilt), as in single/likelihood.py. The upright
-picture is what it would have seen without R, with the picture's centre and the width there unchanged.
+picture is what it would have seen without R. The picture's centre and the width there are unchanged, unless a tilt is
+undone: then the picture is moved along the scene's vertical, and made smaller if necessary, to show all that the camera
+saw above and below its centre.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from unshutter.reasons import Code, Reason
 
 _MOST_ROLL_DEG, _MOST_TILT_DEG = 8.0, 25.0  # more is meant, or a mistake: undone only if the user states it
 _STRAIGHT = 89.0  # degrees from the horizon, from which nothing is upright
+_MOST_SHOWN = 2.0  # of the scene above or below the centre, in halves of the picture
 _SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))
 
 
@@ -79,7 +82,8 @@ class Pose:
 
         Both are readout frames of height x width. Positions that the camera had behind it become NaN.
         """
-        matrix = np.linalg.inv(self._homography) if back else self._homography
+        matrix = self._placed(width / height)
+        matrix = np.linalg.inv(matrix) if back else matrix
         x = (np.asarray(col, float) - (width - 1) / 2) / height
         y = (np.asarray(row, float) - (height - 1) / 2) / height
         x, y, z = (m[0] * x + m[1] * y + m[2] for m in matrix)
@@ -93,9 +97,28 @@ class Pose:
         there = self.leaning(col, row, height, width)
         return float(np.nan_to_num(np.hypot(there[0] - col, there[1] - row), nan=np.inf).max())
 
+    def _placed(self, aspect: float) -> np.ndarray:
+        """[3, 3] as :attr:`_centred`, placed to show the most of the scene; ``aspect``: width / height of the frame."""
+        matrix = self._centred
+        if not self.tilt_deg:
+            return matrix
+        # t rows from the centre towards the top of the scene, the camera saw what is at t along / (depth + t slope)
+        up = np.array(self.up)
+        *along, slope = matrix[:, :2] @ up
+        depth = matrix[2, 2]
+        half = np.array([aspect, 1.0]) / 2
+        border = (half / np.maximum(np.abs(along), 1e-9)).min()
+        length = float(half @ np.abs(up))
+        ends = [border * depth / max(1 - side * border * slope, 1e-9) for side in (1, -1)]
+        top, bottom = (min(end, _MOST_SHOWN * length) for end in ends)
+        smaller = max((top + bottom) / (2 * length), 1.0)
+        placed = np.diag([smaller, smaller, 1.0])
+        placed[:2, 2] = up * (top - bottom) / 2
+        return matrix @ placed
+
     @property
-    def _homography(self) -> np.ndarray:
-        """[3, 3] from the upright picture to the leaning one; centred positions, in rows."""
+    def _centred(self) -> np.ndarray:
+        """[3, 3] from the upright picture to the leaning one, with the same centre; centred positions, in rows."""
         turn = math.atan2(self.up[0], -self.up[1])
         tilt = math.radians(self.tilt_deg or 0.0)
         cos = math.cos(tilt)

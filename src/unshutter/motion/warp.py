@@ -22,16 +22,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
-from unshutter.motion.grid import (
-    EdgeDecision,
-    EdgePolicy,
-    Extent,
-    SamplingGrid,
-    Tile,
-    crop_window,
-    gs_to_rs_map,
-    rs_to_gs_map,
-)
+from unshutter.motion.edges import EdgeDecision, EdgePolicy, crop_window
+from unshutter.motion.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.shapes import Bool, UInt
 from unshutter.motion.upright import Pose
@@ -40,7 +32,7 @@ from unshutter.storage.files import new_array
 
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
-_HAIRLINE = 1.0  # px that may be missing at an edge without becoming black
+HAIRLINE = 1.0  # px that may be missing at an edge without becoming black
 _REACH = 3  # px that interpolation reads beyond a position
 
 
@@ -75,8 +67,8 @@ def straighten(
             colours are then interpolated premultiplied.
         motion: the photo's motion, for exactly its size.
         edges: for pixels whose RS position is a pixel or more outside the photo: ``keep`` makes them black (and
-            alpha 0), ``crop`` cuts out the largest upright rectangle of the photo's aspect ratio without them, ``fill``
-            mirrors the photo at its border; ``auto`` crops if that leaves at least 80 % of the area, otherwise fills.
+            alpha 0), ``crop`` cuts out a large upright rectangle without them (:func:`~edges.crop_window`), ``fill``
+            mirrors the photo at its border; ``auto`` crops, or keeps if a crop would leave less than 10 % of the area.
             Less than a pixel outside, ``keep`` and ``crop`` repeat the border, so that no edge gets a black hairline.
         masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated separately, like a colour.
         upright: the pose of the camera to undo in the same step; None: the picture is not turned.
@@ -89,7 +81,7 @@ def straighten(
         return Straightened(pixels, policy.without_motion((height, width)).edges)
     grid = SamplingGrid.of(gs_to_rs_map(motion, upright), height, width)
     decision = _decision(grid, policy)
-    black_beyond = {"keep": _HAIRLINE, "fill": None}.get(decision.edges, math.inf)
+    black_beyond = {"keep": HAIRLINE, "fill": None}.get(decision.edges, math.inf)
     warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
     return Straightened(warped, decision.edges, decision.whole)
 
@@ -132,15 +124,19 @@ def sampled_pixels(
 def validity_mask(motion: Motion, upright: Pose | None = None) -> Bool[np.ndarray, "height width"]:
     """Computes which pixels of the rectified picture exist in the photo."""
     size = motion.readout.frame_size(motion.height, motion.width)
-    grid = SamplingGrid.of(gs_to_rs_map(motion, upright), *size)
-    mask = np.empty(size, dtype=bool)
+    return seen_mask(SamplingGrid.of(gs_to_rs_map(motion, upright), *size))
+
+
+def seen_mask(grid: SamplingGrid, beyond: float = 0.0) -> Bool[np.ndarray, "{grid.height} {grid.width}"]:
+    """Computes which output pixels are sampled inside the input picture, or up to ``beyond`` px outside."""
+    mask = np.empty((grid.height, grid.width), dtype=bool)
     for tile in grid.whole.tiles():
-        mask[tile.within(grid.whole)] = grid.inside(*grid.positions(tile))
+        mask[tile.within(grid.whole)] = grid.inside(*grid.positions(tile), beyond=beyond)
     return mask
 
 
 def _decision(grid: SamplingGrid, policy: EdgePolicy) -> EdgeDecision:
-    return policy.decide((grid.height, grid.width), lambda: crop_window(grid, _HAIRLINE))
+    return policy.decide((grid.height, grid.width), lambda: crop_window(grid, HAIRLINE))
 
 
 def _check_size(pixels: np.ndarray, motion: Motion) -> None:

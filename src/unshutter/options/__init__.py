@@ -12,6 +12,7 @@ Nothing here imports NumPy, because the photo starts being decoded before that.
 from unshutter.options.fields import Names, check_count, check_time, option
 from unshutter.options.photo_options import (
     DEFAULT_ESTIMATOR,
+    LEAST_GOOD_CROP,
     MIN_CONFIDENCE,
     MOST_ROLL_DEG,
     MOST_STRENGTH,

@@ -135,6 +135,7 @@ MOST_STRENGTH = 2.0
 Reference = Literal["first", "middle", "last"]
 Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
 Upright = Literal["level", "full"]
+LEAST_GOOD_CROP = 0.6  # share of a picture's area: after a smaller crop, someone should look
 
 
 def check_edges(edges: str) -> None:
@@ -162,8 +163,9 @@ class Undo:
     edges: Edges = option(
         "auto",
         "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them, fill them "
-        "with a mirror image of the photo, or borrow them from neighbouring frames. auto crops if at least 80 % of the "
-        "photo is left; otherwise, and with masks, saved motions and sequences, it fills them. Default: auto.",
+        "with a mirror image of the photo, or borrow them from neighbouring frames. auto borrows what neighbours show "
+        "and crops the rest; with masks, {--keep-names}, saved motions and sequences, it keeps them empty. "
+        "Default: auto.",
     )
     min_confidence: float | None = option(
         None,
@@ -183,12 +185,12 @@ class Undo:
         check_values(self)
 
     def keeping_coordinates(self) -> Undo:
-        """Returns the options with automatic edges filled, for results that keep the photo's size and coordinates."""
+        """Returns the options with automatic edges kept empty, for results with the photo's size and coordinates."""
         if self.upright:
             raise UsageError(
                 "{--upright} turns the picture, but masks, motions and sequences keep its coordinates: leave it out"
             )
-        return replace(self, edges="fill") if self.edges == "auto" else self
+        return replace(self, edges="keep") if self.edges == "auto" else self
 
     def at_any_confidence(self) -> Undo:
         """Returns the options for a motion from the user, which is undone regardless of its confidence."""

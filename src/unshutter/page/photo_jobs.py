@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.options import Find, Odds, Rectify, Undo
+from unshutter.options import LEAST_GOOD_CROP, Find, Odds, Rectify, Undo
 from unshutter.orientation import Orientation
 from unshutter.page.opened import (
     OpenFile,
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.motion import Motion
+    from unshutter.motion.edges import EdgeDecision
     from unshutter.motion.finding import Finding
-    from unshutter.motion.grid import EdgeDecision
     from unshutter.motion.verdict import Verdict
     from unshutter.single.drawn_lines import DrawnLine
 
@@ -162,7 +162,8 @@ def after(
             result |= {"shape": shape, "readout": str(finding.motion.readout)}
             if options.hand.lines:
                 result["lines"] = _straighten_lines(open_file, photo, asked.find, options.hand.lines)[1]
-        return as_jpeg(pixels, photo.orientation), {"edges": None, "whole": None, "crop": None, **result}
+        uncropped = {"edges": None, "whole": None, "little_left": False, "crop": None}
+        return as_jpeg(pixels, photo.orientation), uncropped | result
 
 
 def _rectify_alone(
@@ -172,22 +173,20 @@ def _rectify_alone(
     from unshutter.motion.verdict import judge
     from unshutter.motion.warp import edge_decision, straighten
 
-    full, (height, width) = (photo.height, photo.width), pixels.shape[:2]
+    height, width = pixels.shape[:2]
     verdict = judge(finding.fit(height, width) if draft else finding, undo)
     if draft:
         verdict = replace(verdict, largest_px=verdict.largest_px * photo.height / height)
     result = {**verdict_json(verdict), **_finding_json(verdict)}
-    edges = undo.edges
     if not verdict.changes:
         return pixels, result
     motion = verdict.motion
     upright = verdict.upright
     if not draft:
-        decision = edge_decision(motion, edges, upright)
-        result = result | _edges_json(decision, full, photo.orientation)
-        edges = decision.edges
+        decision = edge_decision(motion, undo.edges, upright)
+        result = result | _edges_json(decision, (photo.height, photo.width), photo.orientation)
         motion = motion.resized(*motion.readout.frame_size(height, width))
-    return straighten(pixels, motion, "keep" if edges == "keep" else "fill", upright=upright).pixels, result
+    return straighten(pixels, motion, "fill" if undo.edges == "fill" else "keep", upright=upright).pixels, result
 
 
 def _rectify_between(
@@ -195,14 +194,12 @@ def _rectify_between(
 ) -> tuple[np.ndarray, JsonObject]:
     """Rectifies a small copy of the photo, using small copies of its neighbours."""
     from unshutter.frames.sequence_rectification import rectify_between
-    from unshutter.motion.grid import EdgePolicy, valid_window
+    from unshutter.motion.edges import EdgePolicy, valid_window
 
-    policy = EdgePolicy(options.undo.edges)
     frames = options.neighbours
-    undo = replace(options.undo, edges="fill") if policy.may_crop else options.undo
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal_px = options.find.camera.focal_px or photo.focal_px()
-    sequence = replace(sequence_options(options), undo=undo, focal_px=focal_px and focal_px / scale)
+    sequence = replace(sequence_options(options), uncropped=True, focal_px=focal_px and focal_px / scale)
     neighbours = [path and replace(open_file, path=path) for path in (frames.before, frames.after)]
     for each in map(opened, filter(None, neighbours)):
         if (each.height, each.width) != (photo.height, photo.width):
@@ -214,9 +211,12 @@ def _rectify_between(
     result = {**verdict_json(verdict), "neighbours": True, "shape": None, "readout": str(sequence.readout)}
     if not frame.changed:
         return frame.pixels, result
-    rows, cols = frame.valid.shape
-    decision = policy.decide((rows, cols), lambda: valid_window(frame.valid))
-    return frame.pixels, result | _edges_json(decision, (rows, cols), photo.orientation)
+    decision = EdgePolicy(options.undo.edges).decide(
+        frame.valid.shape, lambda: valid_window(frame.valid, any_shape=True)
+    )
+    if frame.edges == "borrow":
+        decision = decision._replace(edges="borrow")
+    return frame.pixels, result | _edges_json(decision, frame.valid.shape, photo.orientation)
 
 
 def _finding_json(verdict: Verdict) -> JsonObject:
@@ -239,8 +239,9 @@ def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int)
     """Describes a decision about edges of stored pixels of height x width; the crop in shares of the upright photo."""
     (height, width), window = size, decision.window
     shares_left = window.left / width, window.top / height, window.right / width, window.bottom / height
-    crop = corners_of(shares_left, orientation) if decision.edges == "crop" else None
-    return {"edges": decision.edges, "whole": decision.whole, "crop": crop}
+    crop = corners_of(shares_left, orientation) if decision.edges in ("crop", "borrow") else None
+    little = decision.whole is not None and decision.whole < LEAST_GOOD_CROP
+    return {"edges": decision.edges, "whole": decision.whole, "little_left": little, "crop": crop}
 
 
 # ---- the motion ------------------------------------------------------------------------------------------------

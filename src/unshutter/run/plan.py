@@ -184,9 +184,10 @@ def _check_request(request: Rectify, inputs: Inputs, into: Outputs, run: Run) ->
         request = replace(request, neighbours=replace(neighbours, model="camera"))
     if save.keep_names and not in_folder:
         raise UsageError("{--keep-names} needs {--output} FOLDER for the results")
-    if into.motions is None and into.masks is None:
-        return request
-    return replace(request, undo=undo.keeping_coordinates())  # motion files and masks refer to whole pictures
+    # motion files and masks refer to whole pictures, and pictures under their own names replace others in a set
+    if into.motions is not None or into.masks is not None or (save.keep_names and not undo.upright):
+        return replace(request, undo=undo.keeping_coordinates())
+    return request
 
 
 def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[Job]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, errors_in_one_line
+from unshutter.options import LEAST_GOOD_CROP
 from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.photo import PREVIEW
@@ -96,7 +97,7 @@ class Report:
             "done",
             job.source,
             target=None if outcome.picture is None else str(outcome.picture),
-            **(verdict.as_json() if verdict else {}),
+            **({**verdict.as_json(), "please_look": outcome.please_look} if verdict else {}),
             seconds=round(outcome.seconds, 3),
             **(job.burst.as_json() if job.burst else {}),
             **extras,
@@ -208,12 +209,17 @@ def _next_steps(verdict: Verdict, told_moving: bool) -> Iterator[str]:
 
 def _about_edges(outcome: Outcome) -> str:
     """Describes how areas that the photo did not see were handled; empty if that is what the user asked for."""
-    share = None if outcome.area_left is None else percent(outcome.area_left)
-    if outcome.edges == "crop":
-        return f"cropped to {share}" if outcome.area_left != 1 else ""
-    if outcome.edges != "fill":
-        return ""
-    return "corners filled" if share is None else f"corners filled: --edges crop would leave {share}"
+    share = outcome.area_left
+    words = ["borrowed from neighbours"] if outcome.edges == "borrow" else []
+    if outcome.edges == "fill":
+        words.append("corners filled")
+    elif outcome.edges == "keep" and share is not None:
+        words.append(f"not cropped, please look: {percent(share)} would be left; --edges fill mirrors it in the rest")
+    elif share is not None and share < LEAST_GOOD_CROP:
+        words.append(f"cropped to {percent(share)}, please look: --edges keep or fill would keep its size")
+    elif share is not None and share < 1:
+        words.append(f"cropped to {percent(share)}")
+    return ", ".join(words)
 
 
 def _spoken(seconds: float) -> str:

@@ -80,6 +80,7 @@ class Outcome:
     edges: Edges | None = None  # how areas that the photo did not see were handled; None: unchanged
     ratio: ReadoutRatio | None = None  # readout ratio that was found, or taken, from a photo's neighbours
     area_left: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
+    please_look: bool = False  # whether someone should compare the result with the photo
     seconds: float = 0.0  # duration of the job
     source_is: str | None = None  # fingerprint of the photo that was read
     written: tuple[Written, ...] = ()  # the files that were written
@@ -137,6 +138,7 @@ def finish_job(job: Job, request: Rectify, given: Finding | None = None, ahead: 
         note="; ".join(filter(None, map(_describe_picture, written))),
         edges=result.edges if result.changed else None,
         area_left=result.whole,
+        please_look=result.needs_a_look,
         model=model,
         ratio=ratio,
         source_is=source_is,
@@ -228,7 +230,7 @@ def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame
     except UsageError:
         raise
     except UnshutterError:  # no optical flow: use what is known of the camera's motion, or keep the photo
-        return rectify_by_camera(photo, job.motion, request.undo)
+        return rectify_by_camera(photo, job.motion, options)
 
 
 def sequence_options(request: Rectify) -> SequenceOptions:

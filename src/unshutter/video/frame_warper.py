@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from unshutter.motion import Motion
-from unshutter.motion.grid import EdgePolicy, Tile, valid_window
+from unshutter.motion.edges import EdgePolicy, valid_window
+from unshutter.motion.grid import Tile
 from unshutter.options.clip_options import ClipUndo
 from unshutter.video.clip import Clip
 from unshutter.video.clip_motion import MovingFrame

@@ -135,9 +135,10 @@ function changes({ byHand, result }) {
   if (result.upright) lines.push(words.turnedUpright(result.upright));
   const moved = result.neighbours ? words.moment : byHand ? words.movedByHand : words.moved;
   if (!result.code) lines.push(moved(result.largest_px));
-  if (result.edges === "crop" && (result.whole ?? 1) < 1) lines.push(words.edgesCrop(result.whole));
-  if (result.edges === "keep") lines.push(words.edgesKeep(result.whole));
   if (result.edges === "borrow") lines.push(words.edgesBorrow);
-  if (result.edges === "fill") lines.push(words.edgesFill(result.whole));
+  if (result.edges === "keep") lines.push(words.edgesKeep(result.whole));
+  else if ((result.whole ?? 1) < 1) lines.push(words.edgesCrop(result.whole));
+  if (result.little_left) lines.push(words.littleLeft);
+  if (result.edges === "fill") lines.push(words.edgesFill);
   return lines;
 }

@@ -68,6 +68,7 @@ export interface PhotoResult {
   lean_deg?: number; // by how much levelling would turn it, where that is advised
   edges: Edges | null;
   whole: number | null;
+  little_left: boolean;
   crop: Box | null;
   neighbours?: true;
   shape: Shape | null;

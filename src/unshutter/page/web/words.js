@@ -197,10 +197,8 @@ export const words = {
       ? "Corners that the photo did not see stay empty."
       : `Corners that the photo did not see stay empty: cutting them off would leave ${percent(whole)} of it. ` +
         "Choose under “Empty corners”.",
-  edgesFill: (whole) => {
-    const left = whole === null ? "" : `: cutting them off would leave ${percent(whole)} of it`;
-    return `Corners that the photo did not see are filled with a mirror image of the photo${left}.`;
-  },
+  edgesFill: "Corners that the photo did not see are filled with a mirror image of the photo.",
+  littleLeft: "Please look: much is cut off. “Keep” and “fill” under “Empty corners” leave the photo its size.",
   edgesBorrow: "Corners that the photo did not see are borrowed from its neighbours.",
   heldSo: (roll, tilt, from) => {
     const turned = roll === null ? "" : `turned ${degrees(roll)} ${roll < 0 ? "anticlockwise" : "clockwise"}`;
@@ -262,8 +260,7 @@ export const words = {
     moving: "In a train, on a car, on a drone: motion is likely. The way it went decides between candidates.",
     strength: "How much of the motion to undo: 100 % is all of it",
     upright: "Turned, whether or not the camera moved",
-    edges:
-      "Places that the photo did not see. Automatic: cut off where at least 80 % of the photo is left, else filled",
+    edges: "Places that the photo did not see. Automatic: borrowed from its neighbours where it has any, else cut off",
     format: "Of the file that is saved",
     "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
   },

@@ -1,0 +1,63 @@
+"""The choice between one motion of the camera and a motion of every pixel, for a frame with neighbours.
+
+Corners tracked to the neighbours decide. Those on near or moving objects did not contribute to the camera's motion, and
+none of them contributed to the flow. If the camera's motion predicts their positions about as well as the flow does, it
+is the better model: it is smooth over time and includes how the speed changes during the readout.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unshutter.frames.camera import ROWS, turn_jacobian
+from unshutter.frames.flow import Flow, bilinear
+from unshutter.frames.frame import Frame
+from unshutter.frames.frame_motion import FrameMotion
+from unshutter.frames.tracks import Tracks
+from unshutter.options import FrameModel
+
+_SHARE = 75  # percentile of the corners' errors that is compared
+_LEAST, _WORSE = 0.1, 1.5  # error always allowed [px of ROWS rows]; plus this multiple of the flow's
+_FEWEST = 12  # corners
+
+
+def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
+    """Chooses the model that suits a frame better; computes optical flow only if the camera model may be poor."""
+    if camera.fit is None:
+        return "camera" if camera.stood_still else "dense"
+    for first, earlier, later in ((-1, before, current), (0, current, after)):
+        if earlier is None or later is None:
+            continue
+        tracks = earlier.tracks_to(later)
+        missed = camera_misses(camera, tracks, first)
+        if missed <= _LEAST or not tracks:  # where nothing can be followed, neither model is better
+            continue
+        earlier.connect(later)
+        if earlier.to_next is None or missed > _LEAST + _WORSE * flow_misses(earlier.to_next.flow, tracks):
+            return "dense"
+    return "camera"
+
+
+def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
+    """Returns the 75th percentile of the corners' distance from the camera motion's prediction [px of ROWS rows].
+
+    Args:
+        first: number of the earlier frame, counted from ``camera``'s frame.
+    """
+    if camera.fit is None or len(tracks) < _FEWEST:
+        return np.inf
+    unit = ROWS / tracks.height
+    ends = (np.stack([tracks.start, tracks.end]) + 0.5) * unit
+    rows = np.clip(ends[..., 1] / ROWS, 0, 1)
+    turn = [camera.turn(first + k + camera.ratio * rows[k]) for k in (0, 1)]
+    J_turn = turn_jacobian(ends.mean(axis=0), tracks.width * unit, camera.fit.focal_px)[..., :3]
+    led = np.einsum("nij,nj->ni", J_turn, (turn[1] - turn[0]) * camera.fit.focal_px)
+    return float(np.percentile(np.hypot(*(ends[1] - ends[0] - led).T), _SHARE))
+
+
+def flow_misses(flow: Flow, tracks: Tracks) -> float:
+    """Returns the 75th percentile of the corners' distance from the flow's prediction [px of ROWS rows]."""
+    scale = flow.forward.shape[0] / tracks.height
+    at = ((tracks.start + 0.5) * scale - 0.5).astype(np.float32)[:, None]
+    led = bilinear(flow.forward, at)[:, 0] / scale
+    return float(np.percentile(np.hypot(*(tracks.end - tracks.start - led).T), _SHARE)) * ROWS / tracks.height
