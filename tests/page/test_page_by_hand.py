@@ -420,17 +420,19 @@ def test_steps_by_hand_are_undone_one_by_one(page: Page, grey: Path) -> None:
     expect(undo).to_be_disabled()
 
 
-def test_a_neighbour_without_the_ratio_asks_for_it(page: Page, tmp_path: Path) -> None:
+def test_a_neighbour_without_the_ratio_takes_a_usual_one(page: Page, tmp_path: Path) -> None:
     scene = Scene()
     for number in range(2):
         Photo.from_array(scene.frame(number, 0.8)).save(tmp_path / f"frame{number}.png")
     drop(page, tmp_path / "frame0.png")
     wait_for(page, "changed|alone")
     page.set_input_files("#choose-after", tmp_path / "frame1.png")
-    expect(page.locator("#advice")).to_contain_text("Type in its readout ratio.")
-    page.get_by_role("button", name="Type in the ratio…").click()
-    expect(page.locator("#ratio")).to_be_focused()
-    page.keyboard.type("0.8")
-    page.keyboard.press("Enter")
     expect(page.locator(SAID)).to_contain_text("with the help of its neighbours")
+    expect(page.locator("#ratio")).to_have_value("0.5")
+    expect(page.locator("#neighbours")).to_contain_text("this is a usual value")
+    moved = page.locator(SAID).inner_text()
+    page.locator("#ratio").fill("0.8")
+    expect(page.locator("#ratio-number")).to_have_value("0.8")
+    expect(page.locator(SAID)).not_to_have_text(moved)
+    expect(page.locator("#neighbours")).not_to_contain_text("this is a usual value")
     expect(page.locator("#advice")).to_be_hidden()

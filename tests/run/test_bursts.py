@@ -90,9 +90,9 @@ def test_uneven_intervals_count(moving, tmp_path):
 
 def test_a_film_tells_more_than_a_burst(moving, tmp_path, monkeypatch):
     photo = write(tmp_path / "in", moving[1][:1]) / "0.png"
-    assert bursts._Taken.of(photo, 10**9) is not None
+    assert bursts._Taken.of(photo, 10**9, photo.parent) is not None
     monkeypatch.setattr(Photo, "film", lambda _: object())
-    assert bursts._Taken.of(photo, 10**9) is None
+    assert bursts._Taken.of(photo, 10**9, photo.parent) is None
 
 
 def test_two_photos_must_be_closer(moving, tmp_path):
@@ -151,3 +151,26 @@ def test_two_frames_of_a_sequence_take_a_usual_ratio(moving, tmp_path, capsys):
         Photo.from_array(frame).save(tmp_path / "in" / f"{k}.png")
     assert rectify(tmp_path / "in", "--sequence", "-o", tmp_path / "out") == 0
     assert "readout ratio 0.500 +- 0.250 (from usual value)" in capsys.readouterr().err
+
+
+def test_photos_that_came_together_look_like_bursts(moving, tmp_path):
+    timed = sorted(write(tmp_path / "timed", moving[1]).iterdir())
+    stripped = []
+    for k, frame in enumerate(moving[1]):
+        stripped.append(tmp_path / f"{k}.png")
+        Image.fromarray(frame).convert("RGB").save(stripped[k])
+    other = tmp_path / "other.png"
+    Image.fromarray(textured(HEIGHT, WIDTH, bands=1)[::-1, ::-1, 0].copy()).convert("RGB").save(other)
+    damaged = tmp_path / "damaged.png"
+    damaged.write_bytes(b"no picture")
+    found = bursts.look_like_bursts([*timed, damaged, *stripped, other], 10**9)
+    assert found == [timed, stripped]
+
+
+def test_photos_of_a_tripod_are_no_burst(tmp_path):
+    made = camera(still(), READOUT_S / INTERVAL_S, frames=3, fps=1 / INTERVAL_S)
+    photos = []
+    for k, frame in enumerate(made.rendered(textured(2 * HEIGHT, 2 * WIDTH, bands=1)[..., 0], 1.0)):
+        photos.append(tmp_path / f"{k}.png")
+        Image.fromarray(frame).convert("RGB").save(photos[k])
+    assert bursts.look_like_bursts(photos, 10**9) == []

@@ -73,6 +73,7 @@ def application(
         Route("/api/wake", _wake, methods=["POST"]),
         Route("/api/photos", partial(_open, kind="photo"), methods=["POST"]),
         Route(photo, _close, methods=["DELETE"]),
+        Route("/api/bursts", _bursts, methods=["POST"]),
         Route(f"{photo}/before", _before_photo),
         Route(f"{photo}/after", _after_photo),
         Route(f"{photo}/candidates", _candidates),
@@ -163,6 +164,17 @@ async def _after_photo(request: Request) -> Response:
 async def _candidates(request: Request) -> Response:
     """The motions that fit the photo, in the order that option ``candidate`` counts."""
     return JSONResponse(await _do(request, _urgency(request), photo_jobs.candidates, _photo_options(request)))
+
+
+async def _bursts(request: Request) -> Response:
+    """The bursts among photos that came together: ``{"photos": [id, ...]}``, in order."""
+    ids = (await _json(request)).get("photos")
+    if not isinstance(ids, list) or not all(isinstance(id, str) for id in ids):
+        raise UsageError("'photos' takes a list of ids of photos")
+    desk = _desk(request)
+    photos = [photo for id in dict.fromkeys(ids) if (photo := desk.store.get(id)).kind == "photo"]
+    with desk.store.used(photos):
+        return JSONResponse(await desk.lanes.do(Urgency.LATER, photo_jobs.bursts, photos))
 
 
 async def _segments(request: Request) -> Response:

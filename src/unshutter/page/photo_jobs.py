@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,6 +33,7 @@ from unshutter.page.sentences import reason_json, verdict_json
 from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
+from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import JsonObject, MotionSource, rounded
 from unshutter.run.work import Job, finish_job, sequence_options
 from unshutter.single.register import load
@@ -130,6 +132,15 @@ def segments(open_file: OpenFile, options: PhotoOptions) -> JsonObject:
         }
 
 
+def bursts(open_files: Sequence[OpenFile]) -> list[list[str]]:
+    """Returns the ids of photos that look like bursts, each burst in the order in which it was taken."""
+    from unshutter.run.bursts import look_like_bursts
+
+    ids = {each.path: each.id for each in open_files}
+    most = max((each.max_pixels for each in open_files), default=0)
+    return [[ids[place] for place in burst] for burst in look_like_bursts(list(ids), most)]
+
+
 def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, JsonObject]:
     """Returns the upright photo as a JPEG for the screen, and its upright size and readout directions as JSON.
 
@@ -193,7 +204,7 @@ def _rectify_between(
     open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
 ) -> tuple[np.ndarray, JsonObject]:
     """Rectifies a small copy of the photo, using small copies of its neighbours."""
-    from unshutter.frames.sequence_rectification import rectify_between
+    from unshutter.frames.sequence_rectification import rectify_between, with_ratio
     from unshutter.motion.edges import EdgePolicy, valid_window
 
     frames = options.neighbours
@@ -205,10 +216,24 @@ def _rectify_between(
         if (each.height, each.width) != (photo.height, photo.width):
             sizes = f"it has {each.width} × {each.height} px and the photo {photo.width} × {photo.height} px"
             raise UnshutterError(f"{sizes}: they are not from the same burst or clip")
+    ratio = sequence.time
+    if ratio is None:  # by the files themselves, as for saving
+        files = [each for each in (neighbours[0], open_file, neighbours[1]) if each is not None]
+
+        def find_ratio() -> JsonObject | None:
+            whole = replace(sequence, focal_px=focal_px)
+            found = with_ratio([opened(each) for each in files], whole).time
+            return None if found is None else vars(found)
+
+        key = frames, options.undo, focal_px, sequence.readout, sequence.model, sequence.at, sequence.alone
+        known = kept(open_file, "ratio", key, find_ratio)
+        ratio = None if known is None else ReadoutRatio(**{**known, "source": ReadoutSource(known["source"])})
+        sequence = replace(sequence, time=ratio)
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
     verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
     result = {**verdict_json(verdict), "neighbours": True, "shape": None, "readout": str(sequence.readout)}
+    result["ratio"] = None if ratio is None else {"value": round(ratio.value, 3), "source": ratio.source}
     if not frame.changed:
         return frame.pixels, result
     decision = EdgePolicy(options.undo.edges).decide(

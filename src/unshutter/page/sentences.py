@@ -46,7 +46,6 @@ _ADVICE: dict[Code, tuple[str, ...]] = {
         (Code.OTHER_SIZE, Code.SCENES_DIFFER, Code.TOO_LITTLE_TO_FOLLOW, Code.FRAMES_DISAGREE, Code.NO_NEIGHBOUR),
         OTHER_NEIGHBOURS,
     ),
-    Code.RATIO_UNKNOWN: ("adviceRatio", "adviceLeaveNeighbours"),
 }
 
 

@@ -4,11 +4,13 @@ Their times are those of EXIF, with fractions of a second. A burst is by one cam
 exposure bracket, or of another focal length or distance, are not neighbours. The readout time is the user's or, for
 cameras without a mechanical shutter, a cautious part of the usual one; for others it is too uncertain. A photo that its
 neighbours do not explain is judged by itself.
+
+Photos without a time, like frames of a clip, may be one, too, if tracks connect them: the page offers to use them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby, pairwise
@@ -59,6 +61,7 @@ class _Taken:
     """What is known of a photo before it is decoded."""
 
     place: Path
+    folder: Path | None
     size: tuple[int, int]
     setting: tuple[object, ...]  # the camera and its setting
     exposure_s: float
@@ -66,7 +69,7 @@ class _Taken:
     readout: ReadoutTime  # for the camera's kind
 
     @classmethod
-    def of(cls, place: Place, max_pixels: int) -> _Taken | None:
+    def of(cls, place: Place, max_pixels: int, folder: Path | None) -> _Taken | None:
         """Returns the facts of a photo, or None if it cannot belong to a burst."""
         with suppress(UnshutterError):
             if isinstance(place, Path):
@@ -78,12 +81,12 @@ class _Taken:
                     return None
                 if photo.film() is None:  # which tells more than a burst
                     size = photo.height, photo.width
-                    return cls(place, size, setting, exposure_s, time.timestamp(), photo.readout_time())
+                    return cls(place, folder, size, setting, exposure_s, time.timestamp(), photo.readout_time())
         return None
 
     @property
     def group(self) -> tuple[object, ...]:
-        return self.place.parent, self.size, self.setting[0]
+        return self.folder, self.size, self.setting[0]
 
     def is_followed_by(self, other: _Taken) -> bool:
         """Whether another photo with this setting was taken just afterwards."""
@@ -98,24 +101,65 @@ def bursts_among(
 ) -> dict[Place, Burst]:
     """Returns what photos show about others that are to do, which are named by their absolute places."""
     found: dict[Place, Burst] = {}
-    for burst in _bursts(photos, max_pixels):
+    for burst in _bursts([(place, place.parent) for place in photos if isinstance(place, Path)], max_pixels):
         if any(absolute(each.place) in to_do for each in burst):
             found |= dict(_motions(burst, camera, max_pixels))
     return found
 
 
-def _bursts(photos: Collection[Place], max_pixels: int) -> Iterator[list[_Taken]]:
-    """Yields photos that follow one another, at least two."""
-    known = [taken for place in photos if (taken := _Taken.of(place, max_pixels)) is not None]
+def look_like_bursts(photos: Sequence[Path], max_pixels: int) -> list[list[Path]]:
+    """Returns the bursts among photos that came together, in the order in which they were taken.
+
+    Args:
+        photos: in order, which counts for those without a time: tracks must connect each to the next, and show that the
+            camera moved.
+    """
+    timed = [[taken.place for taken in burst] for burst in _bursts([(place, None) for place in photos], max_pixels)]
+    return [*timed, *_connected(photos, max_pixels)]
+
+
+def _connected(photos: Sequence[Path], max_pixels: int) -> Iterator[list[Path]]:
+    """Yields photos without a time of which each shows the scene of the one before it, at least two."""
+    from unshutter.frames.sequence import CameraMotion
+    from unshutter.frames.usual_ratio import usual_ratio
+
+    def opened(place: Path) -> Photo | None:
+        with suppress(UnshutterError):
+            photo = Photo.open(place, max_pixels)
+            if photo.taken() is None and photo.film() is None and photo.readout_time().longest_s:
+                return photo
+        return None
+
+    known = [photo for place in photos if (photo := opened(place)) is not None]
+    for _, group in groupby(known, key=lambda photo: (photo.height, photo.width, photo.camera())):
+        alike = list(group)
+        if len(alike) < 2:
+            continue
+        with suppress(UnshutterError):  # one of them cannot be decoded
+            motions = list(CameraMotion(usual_ratio(alike)).frames(alike))
+            by_shot = groupby(zip(alike, motions, strict=True), key=lambda pair: pair[1].shot)
+            for shot in (list(pairs) for _, pairs in by_shot):
+                if len(shot) > 1 and any(motion.reason is None for _, motion in shot):
+                    yield [photo.path for photo, _ in shot if photo.path is not None]
+
+
+def _bursts(photos: Collection[tuple[Path, Path | None]], max_pixels: int) -> Iterator[list[_Taken]]:
+    """Yields photos, each given with its folder, that follow one another, at least two."""
+    known = [taken for place, folder in photos if (taken := _Taken.of(place, max_pixels, folder)) is not None]
     known.sort(key=lambda each: (str(each.group), each.at_s))
     for _, group in groupby(known, key=lambda each: each.group):
         burst: list[_Taken] = []
         for taken in group:
             if burst and not burst[-1].is_followed_by(taken):
-                yield from [burst] if len(burst) > 1 else []
+                yield from [burst] if _is_close(burst) else []
                 burst = []
             burst.append(taken)
-        yield from [burst] if len(burst) > 1 else []
+        yield from [burst] if _is_close(burst) else []
+
+
+def _is_close(burst: list[_Taken]) -> bool:
+    """Whether photos show how the camera's speed changed: two must be closer together than three."""
+    return len(burst) > 2 or (len(burst) == 2 and burst[1].at_s - burst[0].at_s <= _LONGEST_OF_TWO_S)
 
 
 def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[tuple[Place, Burst]]:
@@ -134,8 +178,6 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
         return
     gaps = [after.at_s - before.at_s for before, after in pairwise(burst)]
     interval_s = median(gaps)
-    if len(burst) == 2 and interval_s > _LONGEST_OF_TWO_S:
-        return
     if max(abs(gap - interval_s) for gap in gaps) < _CLOCK_S:
         gaps = [interval_s] * len(gaps)
     finder = CameraMotion(time.ratio(interval_s), camera.focal_px, camera.direction)

@@ -12,7 +12,8 @@ const WAYS = /** @type {const} */ (["left", "right", "yes"]);
 /** @typedef {Parameters<typeof words.tried>[0]} Way */
 
 /** @typedef {Exclude<Advised, "adviceWay">} Offered */
-/** @typedef {Record<Offered, () => void> & { adviceWay(way: string): void, toolDone(): void }} Taken */
+/** @typedef {{ adviceWay(way: string): void, useBurst(): void, toolDone(): void }} Others */
+/** @typedef {Record<Offered, () => void> & Others} Taken */
 
 export class Advice {
   /** @param {HTMLElement} node where to @param {Taken} on called when the user takes an offer */
@@ -43,12 +44,20 @@ export class Advice {
   /** @param {Photo} photo */
   #lines(photo) {
     const { result, options, trouble } = photo;
-    const lines = trouble ? [make("p.wrong", troubleSaid(trouble)), this.#offers(trouble.advice, photo)] : [];
+    const lines = this.#ofBurst(photo);
+    if (trouble)
+      lines.push(make("p.wrong", words.neighbourRefused(trouble.sentence)), this.#offers(trouble.advice, photo));
     const decided = photo.byHand || options.strength === "0" || "candidate" in options;
     if (!result || result.changed || decided || !result.advice?.length) return lines;
     const [way, anyway] = [/** @type {Way} */ (options.moving), options["min-confidence"] === "0"];
     const said = way || anyway ? words.tried(way, anyway, photo.candidates.length > 1) : words.declined;
     return [...lines, make("p", said), this.#offers(result.advice, photo)];
+  }
+
+  /** What a photo of a burst is offered. @param {Photo} photo */
+  #ofBurst({ burst, hasNeighbours, byHand }) {
+    if (burst.length < 2 || hasNeighbours || byHand) return [];
+    return [make("p", words.burst(burst.length)), row(button("useBurst", this.on.useBurst, { class: "main" }))];
   }
 
   /** Buttons for what is advised, unless it was tried. @param {Advised[]} advice @param {Photo} photo */
@@ -65,7 +74,3 @@ export class Advice {
     return row(...offers);
   }
 }
-
-/** @param {import("./photo.js").Trouble} trouble */
-const troubleSaid = ({ sentence, advice }) =>
-  advice.includes("adviceRatio") ? words.ratioMissing : words.neighbourRefused(sentence);

@@ -25,7 +25,7 @@ export class Controls extends Panel {
     this.drafts = on;
     this.motion = make("div");
     this.hand = new ByHand(lines, on);
-    this.neighbours = new Neighbours(() => on.refresh());
+    this.neighbours = new Neighbours(on);
     this.saveMotion = button("saveMotion", () => on.saveMotion());
     this.anyway = check("anyway", words.anyway, (yes) => this.set("min-confidence", yes ? "0" : ""));
     this.leave = check("leave", words.leave, (yes) => {

@@ -87,9 +87,10 @@ const label = (name) => look(words.option, name) ?? `${name[0].toUpperCase()}${n
  * @param {Kind} kind @param {string} name @param {Schema} schema @param {string} id @param {Set} set @returns {Made}
  */
 function widget(kind, name, schema, id, set) {
-  if (name === "strength") return strength(id, schema, set);
   if (name === "reference") return reference(id, schema, set);
   const said = label(name);
+  if (name === "strength") return strength(id, said, schema, set);
+  if (name === "readout-ratio" && kind === "photo") return slider(id, { ...RATIO, label: said, name: said }, set);
   if (schema.type === "boolean") return check(id, said, set);
   if (schema.type !== "string") {
     const { minimum: min, maximum: max } = schema;
@@ -113,25 +114,40 @@ function text(id, label, known, set) {
   return { node: make("label.field", { for: id }, label, field, list), field };
 }
 
+const RATIO = { limits: { min: "0.01", max: "1", step: "0.01" }, step: "any", usual: "", unit: 1 };
+
 /**
- * How much of the motion to undo, in per cent: a slider and a number.
- * @param {string} id @param {Schema} schema @param {Set} set
+ * How much of the motion to undo, in per cent.
+ * @param {string} id @param {string} label @param {Schema} schema @param {Set} set
  */
-function strength(id, { maximum = 1, default: usual }, set) {
-  const limits = { min: "0", max: String(100 * maximum) };
-  const field = make("input", { type: "range", id, ...limits, step: "5" });
-  const say = (/** @type {string} */ value, dragged = false) => set(String(Number(value) / 100), dragged);
-  const exact = { ...limits, step: "1", "aria-label": words.strengthNumber };
-  const typed = number(`${id}-number`, words.option.strength, exact, (value) => {
-    field.value = typed.field.value = value || String(100 * Number(usual));
-    say(field.value);
+function strength(id, label, { maximum = 1, default: stated }, set) {
+  const limits = { min: "0", max: String(100 * maximum), step: "5" };
+  const usual = String(100 * Number(stated));
+  return slider(id, { label, name: words.strengthNumber, limits, step: "1", usual, unit: 100 }, set);
+}
+
+/**
+ * A number within limits: a slider, and a field to type it. An option is shown as so many units; an empty field stands
+ * for the usual number, if there is one.
+ * @typedef {{ min: string, max: string, step: string }} Limits
+ * @param {string} id
+ * @param {{ label: string, name: string, limits: Limits, step: string, usual: string, unit: number }} how
+ * @param {Set} set
+ */
+function slider(id, { label, name, limits, step, usual, unit }, set) {
+  const field = make("input", { type: "range", id, ...limits });
+  const say = (/** @type {string} */ value, dragged = false) => set(value && String(Number(value) / unit), dragged);
+  const typed = number(`${id}-number`, label, { ...limits, step, "aria-label": name }, (value) => {
+    const text = value || usual;
+    if (text) field.value = typed.field.value = text;
+    say(text);
   });
   typed.node.htmlFor = id;
   field.addEventListener("input", () => say((typed.field.value = field.value), true));
   field.addEventListener("change", () => say(field.value));
   const show = (/** @type {string} */ value) => {
     for (const each of [field, typed.field]) {
-      if (document.activeElement !== each) each.value = String(Math.round(100 * Number(value)));
+      if (value && document.activeElement !== each) each.value = String(Number((unit * Number(value)).toFixed(2)));
     }
   };
   return { node: make("div.strength", typed.node, field), field, show };

@@ -3,6 +3,7 @@
 /** @import { About, Item } from "./types.js" @import { Word } from "./words.js" */
 
 import { about, onHealth } from "./api.js";
+import { findBursts } from "./bursts.js";
 import { Clip, isClip } from "./clip.js";
 import { watch } from "./incoming.js";
 import { by } from "./nodes.js";
@@ -54,11 +55,18 @@ function take(files) {
   for (const item of taken) {
     items.push(item);
     strip.add(item);
-    item.addEventListener("change", () => item === view.current && view.update());
+    item.addEventListener("change", () => changed(item));
   }
   if (taken.length) show(taken[0]);
   arrange();
   workInBackground();
+}
+
+/** @param {Item} item */
+function changed(item) {
+  if (item === view.current) view.update();
+  if (item.state === "waiting") workInBackground();
+  findBursts(items);
 }
 
 /** Whether a file can be opened; if not, it is said why. @param {File} file */
@@ -85,6 +93,7 @@ function close(item) {
   items.splice(place, 1);
   strip.remove(item);
   item.forget();
+  findBursts(items);
   if (item === view.current) {
     view.show(null);
     if (items.length) show(items[Math.min(place, items.length - 1)]);
@@ -152,7 +161,6 @@ function toAll() {
     item.become("change");
   }
   notice(current.kind === "clip" ? words.clipToAllDone : words.toAllDone);
-  workInBackground();
 }
 
 async function sample() {

@@ -15,11 +15,11 @@ export class Neighbours {
   /** @type {Photo | null} */
   photo = null;
 
-  /** @param {() => void} changed called when what is asked for has changed */
-  constructor(changed) {
-    this.changed = changed;
+  /** @param {{ refresh(): void, draft(): void }} on called when what is asked for has changed, or is being dragged */
+  constructor(on) {
+    this.on = on;
     this.places = make("div.row");
-    this.form = new Form("photo", (name, value) => this.#set(name, value), [...SIDES, "at"]);
+    this.form = new Form("photo", (name, value, dragged) => this.#set(name, value, dragged), [...SIDES, "at"]);
     this.ratio = this.form.control("readout-ratio", "ratio");
     this.model = this.form.control("model");
     const more = [this.model, this.form.control("fallback"), ...this.form.rest((group) => GROUPS.includes(group))];
@@ -32,7 +32,8 @@ export class Neighbours {
     this.atSaid = make("output", { for: "at" });
     const opened = make("details", make("summary", words.more), ...more.map(({ node }) => node));
     const moment = [this.another.node, this.at, this.atSaid];
-    this.timing = make("div", this.ratio.node, quiet(words.ratioHelp), ...moment, opened);
+    this.ratioSaid = quiet();
+    this.timing = make("div", this.ratio.node, this.ratioSaid, ...moment, opened);
     const parts = [quiet(words.neighboursHelp), this.places, this.timing];
     this.node = section("neighbours", { id: "neighbours" }, ...parts);
   }
@@ -44,10 +45,10 @@ export class Neighbours {
     /** @type {HTMLElement | null} */ (this.places.querySelector("input, button"))?.focus();
   }
 
-  /** Shows where the ratio is typed. */
-  askRatio() {
+  /** Shows the readout ratio, and what else there is to say of neighbours. */
+  showTiming() {
     this.node.open = true;
-    this.ratio.field.focus();
+    this.ratio.node.scrollIntoView({ block: "center" });
   }
 
   /** Leaves all neighbours out. */
@@ -64,6 +65,9 @@ export class Neighbours {
     this.places.replaceChildren(...SIDES.map((which) => this.#place(which, photo)));
     this.timing.hidden = !hasNeighbours;
     this.form.show(beside);
+    const ratio = "readout-ratio" in beside ? null : photo.result?.ratio;
+    if (ratio) this.ratio.show({ "readout-ratio": String(ratio.value) });
+    this.ratioSaid.textContent = `${ratio ? words.ratioFrom(ratio.source) : ""} ${words.ratioHelp}`;
     const between = "at" in beside;
     const camera = /** @type {HTMLOptionElement} */ (this.model.field.querySelector("[value=camera]"));
     camera.disabled = between; // it knows no other moment
@@ -84,17 +88,18 @@ export class Neighbours {
     this.#set("at", on ? (neighbours.after ? "0.5" : "-0.5") : "");
   }
 
-  /** @param {string} name @param {string} value */
-  #set(name, value) {
-    const { beside } = /** @type {Photo} */ (this.photo);
-    if (value === "") delete beside[name];
-    else beside[name] = value;
-    this.#update();
+  /** @param {string} name @param {string} value @param {boolean} [dragged] */
+  #set(name, value, dragged) {
+    const photo = /** @type {Photo} */ (this.photo);
+    if (dragged) photo.beside[name] = value;
+    else photo.setBeside(name, value);
+    if (dragged) this.on.draft();
+    else this.#update();
   }
 
   #update() {
     this.show(/** @type {Photo} */ (this.photo));
-    this.changed();
+    this.on.refresh();
   }
 
   /** @param {Which} which @param {Photo} photo */

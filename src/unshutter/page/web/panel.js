@@ -32,8 +32,7 @@ export class Panel {
   fill(unsavable, controls) {
     this.whyNot = quiet(/** @type {string} */ (words[unsavable]));
     const actions = make("div.row.actions", this.save, this.whyNot);
-    const done = [make("h2", words.done), this.said, actions];
-    this.panel.replaceChildren(...done, make("h2", words.settings), ...controls);
+    this.panel.replaceChildren(actions, make("h2", words.done), this.said, make("h2", words.settings), ...controls);
   }
 
   /** The control of an option, for the panel. @param {string} name */

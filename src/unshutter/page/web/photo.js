@@ -10,6 +10,8 @@ const SMALL = 320;
 const UNDOING = [...ofGroups("photo", ["undo", "save"]), "candidate"]; // the others find
 const WITH_NEIGHBOURS = ["edges", "reference", "readout", "focal-px", ...ofGroups("photo", ["save"])];
 
+const UNTOUCHED = "[{},[],{},{},[]]"; // wishes
+
 /** @typedef {{ sentence: string, advice: Advised[] }} Trouble */
 
 /** Whether an option counts for a photo with neighbours. @param {string} name */
@@ -35,6 +37,8 @@ export class Photo extends Opened {
   trouble = null;
   /** @type {Partial<Record<Which, Photo>>} taken just then */
   neighbours = {};
+  /** @type {Photo[]} that look like a burst, this one among them, in the order in which they were taken */
+  burst = [];
   /** @type {Options} that are for a photo with neighbours alone */
   beside = {};
 
@@ -118,6 +122,36 @@ export class Photo extends Opened {
   get wishes() {
     const neighbours = Object.entries(this.neighbours).map(([which, { name }]) => [which, name]);
     return JSON.stringify([this.options, this.lines, this.hand, this.beside, neighbours]);
+  }
+
+  /** Whether a person asked for anything: what was only looked at need not be saved. */
+  get unsaved() {
+    return super.unsaved && this.wishes !== UNTOUCHED;
+  }
+
+  /** Each photo of its burst takes those before and after it as neighbours. */
+  useBurst() {
+    this.burst.forEach((photo, k) => {
+      for (const neighbour of Object.values(photo.neighbours)) neighbour.forget();
+      const sides = Object.entries({ before: this.burst[k - 1], after: this.burst[k + 1] });
+      const there = sides.filter(([, other]) => other).map(([which, { file }]) => [which, new Photo(file)]);
+      Object.assign(photo, { neighbours: Object.fromEntries(there), beside: {} });
+      photo.resetHand();
+      if (photo !== this) photo.become("change");
+    });
+  }
+
+  /**
+   * Changes an option for neighbours; the readout ratio is that of the whole burst.
+   * @param {string} name @param {string} value
+   */
+  setBeside(name, value) {
+    const others = name === "readout-ratio" ? this.burst.filter((each) => each !== this && each.hasNeighbours) : [];
+    for (const { beside } of [this, ...others]) {
+      if (value === "") delete beside[name];
+      else beside[name] = value;
+    }
+    for (const photo of others) photo.become("change");
   }
 
   resetHand() {

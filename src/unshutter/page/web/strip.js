@@ -11,18 +11,24 @@ const SIDE = 160; // px, of the longer side
 
 /** @typedef {keyof typeof words.filterOf} Filter */
 
+/** Whether there is an answer, which one that is looked at keeps while larger pictures are made. @param {Item} item */
+const known = ({ state, result }) => state === "done" || (state === "finding" && result !== null);
+
 /** What each choice of the filter shows. @type {Record<Filter, (item: Item) => boolean>} */
 const FILTERS = {
   all: () => true,
-  changed: ({ state, result }) => state === "done" && Boolean(result?.changed),
-  look: (item) => item.state === "asking" || (shownState(item) === "changed" && certaintyOf(item) === "unsure"),
-  alone: (item) => shownState(item) === "alone",
+  changed: (item) => known(item) && Boolean(item.result?.changed),
+  look: (item) => item.state === "asking" || (FILTERS.changed(item) && certaintyOf(item) === "unsure"),
+  alone: (item) => item.kind === "photo" && known(item) && !item.result?.changed,
   failed: ({ state }) => state === "failed",
 };
 const NAMES = /** @type {Filter[]} */ (Object.keys(FILTERS));
 
 /** @param {Item} item */
-const certaintyOf = (item) => (item.kind === "photo" && item.result?.certainty) || "";
+const certaintyOf = (item) => (item.kind === "photo" && !levelled(item) && item.result?.certainty) || "";
+
+/** Whether a photo was levelled, but its motion was not undone. @param {Item} item */
+const levelled = ({ kind, result }) => kind === "photo" && Boolean(result?.changed && result.code);
 
 /** @typedef {{ pick(item: Item): void, close(item: Item): void, filtered(shown: number): void }} On */
 
@@ -39,10 +45,14 @@ export class Strip {
     /** @type {Filter} */
     this.filter = "all";
     this.buttons = NAMES.map((name) => press(`filter-${name}`, "", () => this.show(name)));
+    this.see = button("seeChanged", () => {
+      this.show("changed");
+      on.pick(this.shown[0]);
+    });
     this.progress = make("progress", { "aria-label": words.allDone });
     this.removeFailed = button("removeFailed", () => this.#these("failed").forEach(on.close));
     const group = make("span.row", { role: "group", "aria-label": words.filter }, ...this.buttons);
-    bar.replaceChildren(group, this.removeFailed, this.progress);
+    bar.replaceChildren(this.see, group, this.removeFailed, this.progress);
     this.#count();
   }
 
@@ -67,7 +77,7 @@ export class Strip {
     if (!this.shown.length) this.filter = "all"; // nothing is left to see
     NAMES.forEach((name, k) => {
       const [each, count] = [this.buttons[k], this.#these(name).length];
-      each.textContent = words.filterOf[name](count);
+      each.textContent = words.filterOf[name](count, this.#these(name).some(levelled));
       each.disabled = !count;
       each.setAttribute("aria-pressed", String(name === this.filter));
     });
@@ -77,6 +87,9 @@ export class Strip {
     const all = this.#these("all");
     const done = all.filter(({ state }) => !AT_WORK.includes(state)).length;
     this.progress.hidden = done === all.length;
+    const changed = this.#these("changed");
+    this.see.hidden = done < all.length || !changed.length || changed.length === all.length || this.filter !== "all";
+    this.see.textContent = words.changedOf(changed.length, all.length, changed.some(levelled));
     Object.assign(this.progress, { max: Math.max(all.length, 1), value: done });
     this.progress.title = words.doneOf(done, all.length);
   }
@@ -143,7 +156,11 @@ export function stateSaid(item) {
   if (shown !== "changed") return words.state[shown];
   const sure = certaintyOf(item);
   const byHand = item.kind === "photo" && item.byHand;
-  const said = byHand ? words.changedByHand : words.state.changed(sure && words.sure[sure]);
+  const said = levelled(item)
+    ? words.levelled
+    : byHand
+      ? words.changedByHand
+      : words.state.changed(sure && words.sure[sure]);
   return item.kept ? `${words.saved} · ${said}` : said; // the end may not find room
 }
 

@@ -19,7 +19,6 @@ export type Advised =
   | "adviceAnyway"
   | "adviceNeighbour"
   | "adviceByHand"
-  | "adviceRatio"
   | "adviceNeighbours"
   | "adviceLeaveNeighbours";
 
@@ -71,6 +70,7 @@ export interface PhotoResult {
   little_left: boolean;
   crop: Box | null;
   neighbours?: true;
+  ratio?: { value: number; source: string } | null; // readout ratio that its neighbours were used with
   shape: Shape | null;
   readout: Readout;
   lines?: (LineTrouble | null)[];

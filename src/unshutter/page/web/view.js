@@ -60,9 +60,9 @@ export class View {
       adviceAnyway: () => this.#change("min-confidence", "0"),
       adviceNeighbour: () => neighbours.open(),
       adviceNeighbours: () => neighbours.open(),
-      adviceRatio: () => neighbours.askRatio(),
       adviceLeaveNeighbours: () => neighbours.clear(),
       adviceByHand: () => hand.open(),
+      useBurst: () => this.#useBurst(),
       toolDone: () => hand.stop(),
     });
     this.moments = new Moments(by("moments"), (number) => this.goTo(number));
@@ -277,6 +277,12 @@ export class View {
   #change(name, value) {
     this.current?.set(name, value);
     this.refresh();
+  }
+
+  #useBurst() {
+    this.photo?.useBurst();
+    this.refresh();
+    this.controls.neighbours.showTiming();
   }
 
   #advise() {

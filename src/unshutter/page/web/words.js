@@ -15,6 +15,7 @@ const degrees = (deg) => `${Math.abs(deg).toFixed(1)}°`;
 
 export const LEAST_PX = 0.5; // less than this looks like no motion
 const [POSSIBLE, LIKELY] = [0.1, 0.5]; // least probabilities of a motion that is called so
+const NUMBERS = ["", "", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"];
 const [cancel, reset] = ["Cancel", "Reset"];
 const downloads = "the downloads of your browser";
 const touch = matchMedia("(pointer: coarse)").matches;
@@ -72,11 +73,15 @@ export const words = {
   filter: "Show",
   filterOf: {
     all: (n) => `All ${n}`,
-    changed: (n) => `Straightened ${n}`,
+    changed: (n, levelled) => `Straightened${levelled ? " or levelled" : ""} ${n}`,
     look: (n) => `Please look ${n}`,
     alone: (n) => `Left unchanged ${n}`,
     failed: (n) => `Failed ${n}`,
   },
+  seeChanged: "See them",
+  changedOf: (changed, total, levelled) =>
+    `${changed} of ${total} ${changed === 1 ? "was" : "were"} straightened${levelled ? " or levelled" : ""}: ` +
+    `see ${changed === 1 ? "it" : "them"}`,
   allDone: "Looked through",
   doneOf: (done, total) => `${done} of ${total} looked through`,
 
@@ -92,6 +97,7 @@ export const words = {
     failed: "cannot be used",
   },
   changedByHand: "straightened by hand",
+  levelled: "levelled",
   saved: "saved",
   opening: "opening the clip…",
   drawing: "drawing at full size…",
@@ -138,10 +144,8 @@ export const words = {
   adviceNeighbour: "Add the frame before or after…",
   adviceByHand: "By hand…",
   neighbourRefused: (reason) => `The neighbour frame cannot be used: ${reason}. The photo was looked at alone.`,
-  ratioMissing:
-    "The neighbour frame cannot be used yet: so few frames do not show how fast your camera reads out. " +
-    "Type in its readout ratio. Until then, the photo is looked at alone.",
-  adviceRatio: "Type in the ratio…",
+  burst: (n) => `These ${NUMBERS[n] ?? n} look like a burst: together they show how the camera moved.`,
+  useBurst: "Use them together",
   adviceNeighbours: "Change the neighbour frames…",
   adviceLeaveNeighbours: "Leave them out",
 
@@ -222,7 +226,7 @@ export const words = {
     reference: "As it was when this row was read",
     "roll-deg": "Turned clockwise [°]",
     "tilt-deg": "Tilted up [°]",
-    "readout-ratio": "Readout ratio, 0 to 1",
+    "readout-ratio": "Readout ratio",
     model: "Near and far move",
     fallback: "If its neighbours say nothing, use the photo alone",
     camera: "Camera (type to search)",
@@ -282,9 +286,13 @@ export const words = {
   neighbourOf: { before: "Taken before…", after: "Taken after…" },
   neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
   neighbourForget: "Leave it out",
-  ratioHelp:
-    "Time to read out a frame / time from frame to frame. A few frames rarely show it. If you do not know it, open a " +
-    "clip that this camera took at the same speed, by hand: it is found there.",
+  ratioFrom: (source) =>
+    source === "usual value"
+      ? "So few frames do not show it: this is a usual value. Move it until what is upright stands upright."
+      : source === "motion"
+        ? "Found from the frames."
+        : `Usual for this camera (${source}).`,
+  ratioHelp: "A clip that this camera took by hand, at the same speed, shows it: open one here.",
   another: "Take it at another moment",
   at: (frames) => {
     const [apart, which] = [Math.abs(frames), frames < 0 ? "before" : "after"];
