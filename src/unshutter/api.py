@@ -106,7 +106,7 @@ def rectify(
         (490, 490, 3)
         >>> result = unshutter.rectify("house.jpg")
         >>> result.changed, str(result.reason)
-        (False, 'no visible motion, confidence 0.9...')
+        (False, 'no visible motion')
     """
     ...
 

@@ -62,7 +62,7 @@ class Code(Worded):
     NO_RIGHT_ANGLES = "no-right-angles", "the photo shows no right angles"
     TOO_FAST_FOR_HANDS = "too-fast-for-hands", "the lines would mean more motion than a hand-held camera makes"
     TOO_SHARP = "too-sharp", "it is too sharp for a camera that moved during an exposure of {exposure}"
-    NO_ROLLING_SHUTTER = "no-rolling-shutter", "its camera has no rolling shutter"
+    NO_ROLLING_SHUTTER = "no-rolling-shutter", "{camera} exposes all rows at once"
     FILM_STOOD_STILL = "film-stood-still", "the camera stood still"
     # the film inside a photo: why it cannot be used
     FILM_TOO_SHORT = "film-too-short", "the film inside it is too short"
@@ -74,9 +74,12 @@ class Code(Worded):
     NO_MOTION = "no-motion", "no motion"
     NO_VISIBLE_MOTION = "no-visible-motion", "no visible motion"
     STRENGTH_0 = "strength-0", "a strength of 0 undoes nothing"
-    UNSURE = "unsure", "not sure: it would help with a probability of {confidence:.2f}"
-    HARDLY_HELPS = "hardly-helps", "not sure: the motion that was found is hardly larger than its typical error"
-    UNSURE_WHETHER_MOVED = "unsure-whether-moved", "not sure whether the camera moved: confidence {confidence:.2f}"
+    UNSURE = "unsure", "not sure enough: it would help with a probability of {confidence:.2f}"
+    HARDLY_HELPS = "hardly-helps", "not sure enough: the motion that was found is hardly larger than its typical error"
+    UNSURE_WHETHER_MOVED = (
+        "unsure-whether-moved",
+        "not sure whether the camera moved: leaving the photo is right with a probability of {confidence:.2f}",
+    )
     # the same of a photo whose user says that the camera moved
     UNSURE_HOW_MOVED = (
         "unsure-how-moved",
@@ -85,8 +88,7 @@ class Code(Worded):
     )
     MOVED_TOO_LITTLE = (
         "moved-too-little",
-        "you said that the camera moved, but the motion that fits, up to {px:.1f} px, is hardly larger than its "
-        "typical error",
+        "you said that the camera moved, but the motion that fits is hardly larger than its typical error",
     )
     MOVED_OTHERWISE = "moved-otherwise", "you said how the camera moved, but no motion that fits goes that way"
     WIDE_LENS = "wide-lens", "not sure: a wide lens bends lines"
@@ -159,10 +161,6 @@ class Code(Worded):
     NO_CLEAR_PART = "no-clear-part", "no {frames} frames in a row show one scene clearly"
 
 
-# their sentences do not state the confidence of a verdict, which is stated behind them
-WITHOUT_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}
-
-
 @dataclass(frozen=True)
 class Reason:
     """A reason why no motion was found, or why a motion is not undone."""
@@ -182,13 +180,16 @@ class Reason:
 
     @classmethod
     def from_json(cls, data: JsonObject) -> Reason:
-        """Reads the output of :meth:`as_json`; a reason with an unknown code keeps its sentence."""
+        """Reads the output of :meth:`as_json`; one with codes or figures of another version keeps its sentence."""
         code = str(data["code"])
         figures = dict(data["figures"])
         if code not in set(Code):
             return cls.stated(str(data["sentence"]))
         reason = cls.of(Code(code), **figures)
-        str(reason)
+        try:
+            str(reason)
+        except KeyError:
+            return cls.stated(str(data["sentence"]))
         return reason
 
     @property

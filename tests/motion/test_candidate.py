@@ -55,10 +55,12 @@ def test_a_candidate_is_resized_with_its_error() -> None:
 
 def test_each_number_says_what_it_is_the_chance_of() -> None:
     assert Candidate("hand", pan(9, 3.1), 0.62).described() == (
-        "hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)"
+        "hand, 9.0 px (helps with a probability of 0.62, typically off by 3.1 px)"
     )
+    within = Candidate("hand", pan(1.0, 17), 0.62)
+    assert within.described() == "hand (helps with a probability of 0.62, no larger than its typical error of 17 px)"
     still = Candidate("still", STILL, 0.38)
-    assert still.described() == "as it is (chance 0.38 that the likeliest other does not help)"
+    assert still.described() == "as it is (right with a probability of 0.38)"
 
 
 @pytest.mark.parametrize(("found", "stated"), [(0.7893, 0.78), (0.999, 0.97), (0.78, 0.78), (0.0, 0.0)])

@@ -1,5 +1,6 @@
 """Which motions are undone, and what is said of the others."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from unshutter.errors import UsageError
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
-from unshutter.motion.verdict import judge
+from unshutter.motion.verdict import Certainty, judge
 from unshutter.options import Rectify, Undo
 from unshutter.reasons import Cause, Code, Reason
 from unshutter.run.report import about
@@ -22,36 +23,40 @@ def sheared(px: float, confidence: float | None = None, height: int = 80) -> Fin
     ("found", "least", "cause", "told"),
     [
         (sheared(41.2, 0.936), 0.5, "", "points moved by up to 41 px, confidence 0.93: likely"),
-        (sheared(4.2, 0.5), 0.5, "", "points moved by up to 4.2 px, confidence 0.50: unsure"),
+        (sheared(4.2, 0.5), 0.5, "", "points moved by up to 4.2 px, confidence 0.50: tentative"),
         (sheared(4.2), 1.0, "", "points moved by up to 4.2 px"),
-        (sheared(4.2, 0.0), 0.0, "", "points moved by up to 4.2 px, confidence 0.00: unsure"),
+        (sheared(4.2, 0.0), 0.0, "", "points moved by up to 4.2 px, confidence 0.00: doubtful"),
         (sheared(0.51, 1.0), 0.5, "", "points moved by up to 0.5 px, confidence 0.97: sure"),
         (
             sheared(124, 0.36),
             0.5,
             "not sure",
-            "not sure: it would help with a probability of 0.36; --min-confidence 0.3 would move it by up to 124 px",
+            "not sure enough: it would help with a probability of 0.36; "
+            "--min-confidence 0.3 would move it by up to 124 px",
         ),
         (
             sheared(12, 0.4999),
             0.5,
             "not sure",
-            "not sure: it would help with a probability of 0.49; --min-confidence 0.4 would move it by up to 12 px",
+            "not sure enough: it would help with a probability of 0.49; "
+            "--min-confidence 0.4 would move it by up to 12 px",
         ),
         (
             sheared(12, 0.049),
             0.5,
             "not sure",
-            "not sure: it would help with a probability of 0.04; --min-confidence 0 would move it by up to 12 px",
+            "not sure enough: it would help with a probability of 0.04; "
+            "--min-confidence 0 would move it by up to 12 px",
         ),
         (sheared(0.49), 0.5, "less than half a pixel", None),
         (sheared(0.49, 0.1), 0.0, "less than half a pixel", None),
-        (sheared(0.49, 0.314), 0.5, "no motion", "no visible motion, confidence 0.31: unsure"),
+        (sheared(0.49, 0.314), 0.5, "no motion", "no visible motion"),
         (
             replace(sheared(0.0, 0.7), reason=Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.7)),
             0.5,
             "not sure",
-            "not sure whether the camera moved: confidence 0.70; --moving says that it did",
+            "not sure whether the camera moved: leaving the photo is right with a probability of 0.70; "
+            "--moving says that it did",
         ),
         (
             replace(sheared(9.0, 0.93), expected_error=0.026),
@@ -59,10 +64,16 @@ def sheared(px: float, confidence: float | None = None, height: int = 80) -> Fin
             "",
             "points moved by up to 9.0 px, confidence 0.93: likely, typically off by 2.1 px",
         ),
+        (
+            replace(sheared(1.0, 0.93), expected_error=0.2),
+            0.5,
+            "",
+            "points moved by no more than the typical error of 16 px, confidence 0.93: likely",
+        ),
         (sheared(1.9, 0.9, 512), 0.5, "no motion", None),
         (sheared(2.1, 0.9, 512), 0.5, "", None),
         (sheared(1.9, None, 512), 0.5, "", None),
-        (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90: likely"),
+        (sheared(0.0, 0.9), 0.5, "no motion", "no motion"),
         (replace(sheared(0.0), reason=Reason.stated("too few lines")), 0.5, "nothing to go by", "too few lines"),
     ],
 )
@@ -96,7 +107,9 @@ def test_what_is_advised_where_a_motion_is_hardly_measurable_undoes_it(code: Cod
     found = sheared(1.5, 0.6, 600)
     reason = Reason.of(code, confidence=0.6, px=1.5)
     told = about(judge(replace(found, motion=found.motion.scaled(0), reason=reason), Undo()))
-    assert told.endswith("; --min-confidence 0 would move it by up to 1.5 px")
+    within_error = code in (Code.HARDLY_HELPS, Code.MOVED_TOO_LITTLE)
+    how = "undo it all the same" if within_error else "move it by up to 1.5 px"
+    assert told.endswith(f"; --min-confidence 0 would {how}") and "0.0 px" not in told
     assert judge(found, Undo(min_confidence=0)).changes
 
 
@@ -142,7 +155,12 @@ def test_a_confidence_that_cannot_be(wrong: float) -> None:
 
 @pytest.mark.parametrize(
     ("tx_px", "confidence", "certainty", "look"),
-    [(90, 0.95, "sure", False), (90, 0.94, "likely", False), (90, 0.79, "unsure", True), (6, 0.5, "unsure", False)],
+    [
+        (90, 0.95, "sure", False),
+        (90, 0.94, "likely", False),
+        (90, 0.79, "tentative", True),
+        (6, 0.5, "tentative", False),
+    ],
 )
 def test_a_large_motion_that_is_unsure_asks_for_a_look(
     tx_px: float, confidence: float, certainty: str, look: bool
@@ -151,3 +169,17 @@ def test_a_large_motion_that_is_unsure_asks_for_a_look(
     assert (verdict.certainty, verdict.needs_a_look) == (certainty, look)
     assert ("please look" in verdict.described()) == look
     assert (verdict.as_json()["certainty"], verdict.as_json()["please_look"]) == (certainty, look)
+
+
+@pytest.mark.parametrize("percent", range(101))
+def test_the_word_predicts_the_decision(percent: int) -> None:
+    """By default, what is changed is sure, likely or tentative; what is left has a reason and none of these words."""
+    verdict = judge(sheared(30, percent / 100), Undo())
+    said = set(re.findall(r"\w+", verdict.described().replace("not sure", "")))
+    if verdict.changes:
+        assert verdict.certainty in (Certainty.SURE, Certainty.LIKELY, Certainty.TENTATIVE)
+        assert said & set(Certainty) == {verdict.certainty}
+    else:
+        assert Certainty.of(percent / 100) is Certainty.DOUBTFUL
+        assert verdict.certainty is None and not said & {*Certainty, "confidence"}
+    assert judge(sheared(30, percent / 100), Undo(min_confidence=0)).certainty is Certainty.of(min(percent, 97) / 100)

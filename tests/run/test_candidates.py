@@ -35,9 +35,11 @@ def photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_candidates_are_listed_for_people_and_for_programs(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [
-        f"{photo}: 1  as it is (chance 0.60 that the likeliest other does not help)",
-        f"{photo}: 2  pan to the right, 9.0 px (chance 0.30 that it helps, typically off by 4.0 px)",
-        f"{photo}: 3  hand, 5.0 px (chance 0.10 that it helps, typically off by 6.0 px)",
+        f"{photo}: 1  as it is (right with a probability of 0.60): --candidate 1",
+        f"{photo}: 2  pan to the right, 9.0 px (helps with a probability of 0.30, typically off by 4.0 px): "
+        "--candidate 2",
+        f"{photo}: 3  hand (helps with a probability of 0.10, no larger than its typical error of 6.0 px): "
+        "--candidate 3",
     ]
     assert main(["estimate", "--candidates", str(photo)]) == 0
     listed = capsys.readouterr()

@@ -80,7 +80,7 @@ def test_faint_motion_is_undone_where_all_others_moved(take, tmp_path: Path, cap
     assert "22 changed, 0 left unchanged" in said
     assert "what to try" not in said
     assert (
-        "after all (points moved by up to 9.0 px, confidence 0.70: unsure" in said
+        "after all (points moved by up to 9.0 px, confidence 0.70: tentative" in said
     )  # as often as such photos got better, measured
     *events, end = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert {event["confidence"] for event in events} >= {0.9, 0.7}

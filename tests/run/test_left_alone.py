@@ -99,7 +99,7 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
         == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (points moved by up to 9.0 px, confidence 0.90: likely)"
     )
     assert told[1] == f"{folder}/dark.png left unchanged (too dark)"
-    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: it would help with a probability of 0.36)"
+    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure enough: it would help with a probability of 0.36)"
     counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"
     assert told[-2] == f"unshutter: {counted}"
     for name in PHOTOS:
@@ -114,7 +114,7 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     assert events["end"]["left_as_they_are"] == {"nothing to go by": 1, "no motion": 1, "not sure": 1}
     records = [json.loads(line) for line in (out / "unshutter-manifest.jsonl").read_text().splitlines()]
     done = {record["target"]: record for record in records if record["state"] == "done"}
-    assert done["unsure.rectified.jpg"]["reason"] == "not sure: it would help with a probability of 0.36"
+    assert done["unsure.rectified.jpg"]["reason"] == "not sure enough: it would help with a probability of 0.36"
     assert done["clear.rectified.jpg"]["changed"]
 
 
@@ -213,7 +213,7 @@ def test_the_saved_motion_is_the_one_that_was_undone(folder: Path) -> None:
     motion = folder.parent / "motion.json"
     assert found(folder / "unsure.jpg", "-o", folder.parent / "out.jpg", "--save-motion", motion) == 0
     left = Finding.load(motion)
-    assert left.motion.is_zero and str(left.reason) == "not sure: it would help with a probability of 0.36"
+    assert left.motion.is_zero and str(left.reason) == "not sure enough: it would help with a probability of 0.36"
 
 
 def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:

@@ -37,17 +37,17 @@ def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bo
     photo.start_decoding(grey_px=method(how.estimator).grey_px if estimator is None else None, whole=pixels)
     view = View(photo, how.camera, odds=how.odds)
     most = MOST_IN_FOLDER if how.odds.folder else MOST_STATED
-    found = _list_candidates(view, estimator or load(how.estimator), how.no_film)
+    found = _list_candidates(view, estimator or load(how.estimator), how)
     candidates = tuple(each.rereferenced("first").as_stated(most) for each in found)
     return replace(candidates[0].finding, candidates=candidates)
 
 
-def _list_candidates(view: View, estimator: Estimator, no_film: bool) -> tuple[Candidate, ...]:
-    evidence = None if no_film else _film_evidence(view, estimator)
+def _list_candidates(view: View, estimator: Estimator, how: Find) -> tuple[Candidate, ...]:
+    evidence = None if how.no_film else _film_evidence(view, estimator)
     if evidence is not None and evidence.finding is not None:
         return list_single(view.noted(evidence.finding), view.photo.orientation)
     unused = None if evidence is None else evidence.reason
-    found = find_candidates(estimator, view)
+    found = find_candidates(estimator, view, how.insists)
     return tuple(replace(each, finding=replace(each.finding, film=unused)) for each in found)
 
 

@@ -95,7 +95,7 @@ class Finding:
         return cls(answer, estimator=estimator, source=MotionSource.PIXELS)
 
     def __repr__(self) -> str:
-        sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
+        sure = "" if self.confidence is None or self.reason else f", confidence {self.confidence:.2f}"
         why = "" if self.reason is None else f", {self.reason}"
         return f"Finding({self.motion!r}, {self.estimator}{sure}{why})"
 
@@ -250,7 +250,7 @@ class Candidate:
         finding: its motion, for the photo's full size and with the first row as the reference, and what is known of it.
         probability: that undoing this motion brings the photo closer to the truth, 0 to 1, the same as the finding's
             confidence, so those of several motions need not add up to 1; for the unchanged photo, that the likeliest of
-            the others does not. None if the method does not report one.
+            the others does not, so that leaving the photo is right. None if the method does not report one.
         orientation: EXIF orientation of the photo; determines the directions in the description.
     """
 
@@ -272,8 +272,16 @@ class Candidate:
 
     @property
     def description(self) -> str:
-        """Short description, e.g. ``pan to the left, 24 px``, ``hand, 9 px`` or ``as it is``."""
-        return self.name if self.kind == "still" else f"{self.name}, {pixels(self.motion.largest_px)}"
+        """Short description, e.g. ``pan to the left, 24 px`` or ``as it is``; without a size below its error."""
+        if self.kind == "still" or self.is_within_error:
+            return self.name
+        return f"{self.name}, {pixels(self.motion.largest_px)}"
+
+    @property
+    def is_within_error(self) -> bool:
+        """Whether the motion is no larger than its usual error."""
+        error = self.expected_error_px
+        return error is not None and error >= self.motion.largest_px
 
     @property
     def name(self) -> str:
@@ -283,13 +291,14 @@ class Candidate:
         return f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
 
     def described(self) -> str:
-        """Description with the known figures: ``hand, 9.0 px (chance 0.62 that it helps, typically off by 3.1 px)``."""
+        """With its figures: ``hand, 9.0 px (helps with a probability of 0.62, typically off by 3.1 px)``."""
         known = []
-        helps = "the likeliest other does not help" if self.kind == "still" else "it helps"
+        helps = "right" if self.kind == "still" else "helps"
         if self.probability is not None:
-            known.append(f"chance {as_stated(self.probability):.2f} that {helps}")
+            known.append(f"{helps} with a probability of {as_stated(self.probability):.2f}")
         if self.expected_error_px is not None:
-            known.append(f"typically off by {pixels(self.expected_error_px)}")
+            within = "no larger than its typical error of" if self.is_within_error else "typically off by"
+            known.append(f"{within} {pixels(self.expected_error_px)}")
         return f"{self.description} ({', '.join(known)})" if known else self.description
 
     def as_stated(self, most: float = MOST_STATED) -> Candidate:

@@ -16,7 +16,6 @@ from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
 from unshutter.reasons import (
-    WITHOUT_CONFIDENCE,
     Cause,
     Code,
     JsonObject,
@@ -79,8 +78,8 @@ def json_with_speed(finding: Finding, readout_ms: float) -> str:
     return json.dumps(json.loads(finding.to_json()) | {"speed": Speed.of(finding.motion, readout_ms).summary()})
 
 
-SURE, LIKELY = 0.95, 0.8  # least confidence of a verdict that is sure, or likely: calibrated probabilities
-_LARGE = 1 / 12  # of the rows: an unsure motion with a larger displacement deserves a look
+LIKELY = 0.8  # least confidence of a verdict that is likely
+_LARGE = 1 / 12  # of the rows: a motion less than likely with a larger displacement deserves a look
 _SMALLEST = 256  # estimated motions below 1 / this of the rows are within their error
 LEAST_PX = 0.5  # below this, resampling costs more sharpness than the correction gains
 _LEAST_LEAN_DEG = 1.0  # of the camera, from which a photo visibly leans
@@ -114,16 +113,29 @@ def probability_better(size: float, error: float) -> float:
 
 
 class Certainty(StrEnum):
-    """A confidence as a word."""
+    """The confidence in a motion as a word, the only one for it: on the page, too.
+
+    By default, nothing doubtful is undone. Of photos that are left, no such word is said: a reason says why.
+    """
 
     SURE = "sure"
     LIKELY = "likely"
-    UNSURE = "unsure"
+    TENTATIVE = "tentative"
+    DOUBTFUL = "doubtful"
 
     @classmethod
     def of(cls, confidence: float) -> Certainty:
         """Returns the word for a confidence."""
-        return cls.SURE if confidence >= SURE else cls.LIKELY if confidence >= LIKELY else cls.UNSURE
+        return next(word for least, word in CERTAINTIES if confidence >= least)
+
+
+# least confidence of each word: calibrated probabilities
+CERTAINTIES = (
+    (0.95, Certainty.SURE),
+    (LIKELY, Certainty.LIKELY),
+    (MIN_CONFIDENCE, Certainty.TENTATIVE),
+    (0.0, Certainty.DOUBTFUL),
+)
 
 
 @dataclass(frozen=True)
@@ -151,7 +163,10 @@ class Verdict:
 
     @property
     def confidence(self) -> float | None:
-        """Probability that the result is better than the photo, as it is stated; None if unknown."""
+        """Probability that the result is better than the photo, as it is stated; None if unknown.
+
+        Of a photo whose motion is not undone, for the reason that nothing moved, that nothing else is better.
+        """
         sure = self.finding.confidence
         return None if sure is None else as_stated(sure)
 
@@ -195,15 +210,14 @@ class Verdict:
 
     @property
     def certainty(self) -> Certainty | None:
-        """The confidence as a word; None if there is no confidence."""
-        return None if self.confidence is None else Certainty.of(self.confidence)
+        """The confidence in the motion that is undone, as a word; None if none is, or its confidence is unknown."""
+        return None if self.confidence is None or not self.undoes else Certainty.of(self.confidence)
 
     @property
     def needs_a_look(self) -> bool:
-        """Whether a large but unsure motion is undone, so that someone should compare both pictures."""
-        return (
-            self.undoes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.finding.motion.height
-        )
+        """Whether a large motion is undone that is not even likely, so that someone should compare both pictures."""
+        doubted = self.certainty in (Certainty.TENTATIVE, Certainty.DOUBTFUL)
+        return doubted and self.largest_px > _LARGE * self.finding.motion.height
 
     @property
     def least_confidence(self) -> float | None:
@@ -222,14 +236,12 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """Why the motion is not undone, e.g. ``only 3 straight segments found``; empty if it is."""
-        if self.reason is None:
-            return ""
-        return str(self.reason) + (self._at_confidence if self.reason.code in WITHOUT_CONFIDENCE else "")
+        return "" if self.reason is None else str(self.reason)
 
     def described(self) -> str:
         """One line: ``points moved by up to 41 px, confidence 0.93: likely, typically off by 2.0 px``, or why not."""
         look = ", please look" if self.needs_a_look else ""
-        done = f"points moved by up to {pixels(self.largest_px)}{self._at_confidence}{self._remaining}{look}"
+        done = f"points moved {self._how_far}{self._at_confidence}{self._remaining}{look}"
         words = done if self.undoes else self.sentence
         words = f"{words} (by the film inside it)" if self.finding.source is MotionSource.FILM else words
         turned = self.not_upright if self.upright is None else self.upright.described()
@@ -257,6 +269,13 @@ class Verdict:
         return data | {"cause": self.cause, "reason": self.sentence, "code": about["code"], "figures": about["figures"]}
 
     @property
+    def _how_far(self) -> str:
+        error = self.error_px
+        if error is not None and error >= self.largest_px:
+            return f"by no more than the typical error of {pixels(error)}"
+        return f"by up to {pixels(self.largest_px)}"
+
+    @property
     def _at_confidence(self) -> str:
         if self.confidence is None:
             return ""
@@ -268,7 +287,9 @@ class Verdict:
             return f", up to {pixels(self.left_px)} left on purpose"
         if self.left_px < 0:
             return f", up to {pixels(-self.left_px)} more than was found, on purpose"
-        return "" if self.error_px is None else f", typically off by {pixels(self.error_px)}"
+        if self.error_px is None or self.error_px >= self.largest_px:
+            return ""
+        return f", typically off by {pixels(self.error_px)}"
 
 
 def is_measurable(largest_px: float, rows: int) -> bool:

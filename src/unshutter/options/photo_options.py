@@ -115,6 +115,11 @@ class Find:
         if self.candidate is not None and self.candidate < 1:
             raise UsageError(f"{{--candidate}} is counted from 1, got {self.candidate}")
 
+    @property
+    def insists(self) -> bool:
+        """Whether the user asks for a motion that the photo may not show: by a method, at any confidence, or moving."""
+        return self.estimator != DEFAULT_ESTIMATOR or self.odds.any or self.camera.moving is not None
+
     def for_least_confidence(self, least: float | None) -> Find:
         """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
         return replace(self, odds=replace(self.odds, least_confidence=least if self.candidate is None else None))

@@ -88,7 +88,7 @@ def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: Pho
 
 def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
     """Lists the motions that fit a photo as JSON, in the order of option ``candidate``; ``taken``: the default."""
-    from unshutter.motion.verdict import judge
+    from unshutter.motion.verdict import Certainty, judge
 
     find = options.rectify.find
     find = replace(find, candidate=None, odds=Odds())
@@ -101,7 +101,9 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
             "kind": each.kind,
             "direction": each.direction if each.kind == "pan" else None,
             "largest_px": round(verdict.largest_px, 2),  # at the requested strength
+            "within_error": each.is_within_error,
             "probability": rounded(each.probability, 4),
+            "certainty": None if each.kind == "still" or each.probability is None else Certainty.of(each.probability),
             "taken": taken == k,
         }
         for k, (each, verdict) in enumerate(zip(possible, verdicts, strict=True))

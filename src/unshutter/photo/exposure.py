@@ -18,6 +18,7 @@ import struct
 from datetime import datetime
 from fractions import Fraction
 
+from unshutter.errors import shortened, visible
 from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF, Entry, Tree
 from unshutter.readout_time import ReadoutSource, ReadoutTime
@@ -181,6 +182,15 @@ def camera(blob: bytes | None) -> str:
     """Returns make and model of the camera named in an EXIF blob; empty if none is named."""
     tree = exif.read(blob)
     return " ".join(filter(None, (tree.text(_MAKE), tree.text(_MODEL))))
+
+
+def camera_in_words(blob: bytes | None) -> str:
+    """Returns the camera named in an EXIF blob for a sentence: ``a Canon PowerShot A70``."""
+    tree = exif.read(blob)
+    make = tree.text(_MAKE)
+    model = tree.text(_MODEL)
+    named = model if model.partition(" ")[0].lower() in make.lower() else f"{make.partition(' ')[0]} {model}"
+    return visible(shortened(f"{'an' if named[:1] in 'AEIOaeio' else 'a'} {named}"))
 
 
 def readout_time(blob: bytes | None) -> ReadoutTime:

@@ -301,6 +301,10 @@ class Photo(FileOutput):
         """Returns make and model of the camera, from EXIF; empty if unknown."""
         return exposure.camera(self._metadata.exif)
 
+    def camera_in_words(self) -> str:
+        """Returns the camera for a sentence, from EXIF: ``a Canon PowerShot A70``."""
+        return exposure.camera_in_words(self._metadata.exif)
+
     def setting(self) -> tuple[object, ...] | None:
         """Returns what photos of a burst have in common, from EXIF; None if this cannot be one of them."""
         return exposure.setting(self._metadata.exif)

@@ -213,5 +213,5 @@ def _list_candidates(begun: Ahead, request: Estimate) -> _Answer:
     from unshutter.motion.finding import candidates_to_json
 
     listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.finding.candidates]
-    lines = [f"{number}  {each.described()}" for number, each in enumerate(listed, 1)]
+    lines = [f"{number}  {each.described()}: --candidate {number}" for number, each in enumerate(listed, 1)]
     return _Answer(begun.place, lines, candidates_to_json(listed))

@@ -274,7 +274,9 @@ def _advice(verdict: Verdict) -> str:
         return ""
     enough = verdict.least_confidence
     if enough is not None:
-        return f"--min-confidence {enough:g} would move it by up to {pixels(verdict.reason.px)}"
+        within = verdict.reason.code in (Code.HARDLY_HELPS, Code.MOVED_TOO_LITTLE)  # its error: no size to speak of
+        how = "undo it all the same" if within else f"move it by up to {pixels(verdict.reason.px)}"
+        return f"--min-confidence {enough:g} would {how}"
     if verdict.reason.code is Code.WHICH_WAY:
         return "--moving left, right, up or down says which"
     return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""

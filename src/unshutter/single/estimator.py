@@ -106,6 +106,12 @@ class View:
             return self.photo.readout_time()
         return ReadoutTime.of_ms(self.camera.readout_ms, ReadoutSource.GIVEN)
 
+    def read_at_once(self) -> Reason | None:
+        """Returns why no row can have moved against another, by the kind of camera; None if rows can have."""
+        if self.readout_s().longest_s > 0:
+            return None
+        return Reason.of(Code.NO_ROLLING_SHUTTER, camera=self.photo.camera_in_words())
+
     @cached_property
     def speed_limit(self) -> SpeedLimit | None:
         """The fastest motion that the photo's sharpness allows; None if it sets no limit.

@@ -38,13 +38,24 @@ class DoNothing(Estimator):
         return view.no_motion(self.name, Reason(Code.ASKED_FOR_NOTHING))
 
 
-def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
+def find_candidates(estimator: Estimator, view: View, insisted: bool = False) -> tuple[Candidate, ...]:
     """Returns the possible motions of a photo, the best one first, including no change.
 
-    Motions that would have blurred the photo more than it is are dropped; if this removes the first one, it is
-    replaced by zero motion with the reason. So it is where a wide lens bends lines, unless a focal length is stated.
+    A camera that exposes all rows at once, as its name in the metadata tells, leaves none, whatever the pixels show;
+    without an exposure time in the metadata, though, a user may take one. Other motions that would have blurred the
+    photo more than it is are dropped; if this removes the first one, it is replaced by zero motion with the reason. So
+    it is where a wide lens bends lines, unless a focal length is stated.
+
+    Args:
+        insisted: whether the user asks for a motion all the same, and so takes one.
     """
     candidates = estimator.candidates(view)
+    at_once = view.read_at_once()
+    if at_once is not None and not (insisted and view.exposure_s() is None):
+        held = candidates[0].finding.held_at_rest
+        none = replace(view.no_motion(estimator.name, at_once), held=held, held_at_rest=held)
+        others = [each for each in candidates if not each.motion.is_zero] if view.exposure_s() is None else []
+        candidates = (Candidate("still", none, orientation=view.photo.orientation), *others)
     if not candidates[0].motion.is_zero and view.camera.focal_px is None and view.photo.bends_lines():
         none = Candidate("still", view.no_motion(estimator.name, Reason(Code.WIDE_LENS)))
         candidates = (none, *(each for each in candidates if each.kind != "still"))

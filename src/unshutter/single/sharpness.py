@@ -53,8 +53,6 @@ class SpeedLimit:
     @property
     def reason(self) -> Reason:
         """Why a photo that refutes the motion is left unchanged."""
-        if self.readout_s == 0:
-            return Reason(Code.NO_ROLLING_SHUTTER)
         exposure = f"1/{1 / self.exposure_s:.0f} s" if self.exposure_s < 0.3 else f"{self.exposure_s:.1f} s"
         return Reason.of(Code.TOO_SHARP, exposure=exposure)
 

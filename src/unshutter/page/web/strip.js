@@ -5,7 +5,7 @@
 import { make, putName } from "./nodes.js";
 import { AT_WORK, shownState } from "./states.js";
 import { button, press } from "./widgets.js";
-import { words } from "./words.js";
+import { DOUBTED, words } from "./words.js";
 
 const SIDE = 160; // px, of the longer side
 
@@ -18,7 +18,7 @@ const known = ({ state, result }) => state === "done" || (state === "finding" &&
 const FILTERS = {
   all: () => true,
   changed: (item) => known(item) && Boolean(item.result?.changed),
-  look: (item) => item.state === "asking" || (FILTERS.changed(item) && certaintyOf(item) === "unsure"),
+  look: (item) => item.state === "asking" || (FILTERS.changed(item) && DOUBTED.includes(certaintyOf(item))),
   alone: (item) => item.kind === "photo" && known(item) && !item.result?.changed,
   failed: ({ state }) => state === "failed",
 };
@@ -156,11 +156,7 @@ export function stateSaid(item) {
   if (shown !== "changed") return words.state[shown];
   const sure = certaintyOf(item);
   const byHand = item.kind === "photo" && item.byHand;
-  const said = levelled(item)
-    ? words.levelled
-    : byHand
-      ? words.changedByHand
-      : words.state.changed(sure && words.sure[sure]);
+  const said = levelled(item) ? words.levelled : byHand ? words.changedByHand : words.state.changed(sure);
   return item.kept ? `${words.saved} · ${said}` : said; // the end may not find room
 }
 

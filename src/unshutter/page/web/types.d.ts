@@ -11,7 +11,7 @@ export type Arrow = "down" | "up" | "right" | "left";
 export type Box = [left: number, top: number, right: number, bottom: number]; // shares of width and height
 export type Segment = [x1: number, y1: number, x2: number, y2: number];
 export type Segments = { before: Segment[]; after?: Segment[] };
-export type Certainty = "sure" | "likely" | "unsure";
+export type Certainty = "sure" | "likely" | "tentative" | "doubtful";
 export type Edges = "auto" | "keep" | "crop" | "fill" | "borrow";
 export type Advised =
   | "adviceWay"
@@ -87,7 +87,9 @@ export interface Candidate {
   kind: "still" | "pan" | "hand" | "quadratic" | "other";
   direction: "left" | "right" | "up" | "down" | null;
   largest_px: number;
+  within_error: boolean;
   probability: number | null;
+  certainty: Certainty | null;
   taken: boolean;
   blob?: Blob; // its small picture, once that is there
   crop?: Box | null;

@@ -13,8 +13,8 @@ const count = (n, one, many = `${one}s`) => (n === 1 ? `1 ${one}` : `${n} ${many
 /** @param {number} deg */
 const degrees = (deg) => `${Math.abs(deg).toFixed(1)}°`;
 
+export const DOUBTED = ["tentative", "doubtful"]; // words for a confidence (motion/verdict.py) that asks for a look
 export const LEAST_PX = 0.5; // less than this looks like no motion
-const [POSSIBLE, LIKELY] = [0.1, 0.5]; // least probabilities of a motion that is called so
 const NUMBERS = ["", "", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"];
 const [cancel, reset] = ["Cancel", "Reset"];
 const downloads = "the downloads of your browser";
@@ -104,9 +104,8 @@ export const words = {
   working: "working…",
   failedHelp: "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …).",
   removeFailed: "Remove all that failed",
-  sure: { sure: "sure", likely: "likely", unsure: "unsure" },
-  sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
-  unsureHelp:
+  sureAtLength: (sure, doubted) => (doubted ? `${sure}, please look` : sure),
+  doubtedHelp:
     "How far things really moved is uncertain. If “after” looks wrong, take another of the small pictures, or " +
     "straighten the photo by hand.",
   confidence: (sure) => `The result is closer to the truth than the photo with a probability of ${percent(sure)}`,
@@ -153,14 +152,15 @@ export const words = {
   candidates: "What it could be",
   candidate: { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" },
   pan: { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" },
-  candidateFigures: ({ largest_px: px, probability: share }, likeliest) => {
-    const possible = share < POSSIBLE ? "less likely" : share < LIKELY ? "possible" : "likely";
-    const chance = share === null ? "" : share === likeliest ? "likeliest" : possible;
-    return [px < LEAST_PX ? "" : pixels(px), chance].filter(Boolean).join(" · ");
+  candidateFigures: ({ largest_px: px, within_error: within, probability: share, certainty }, likeliest) => {
+    const chance = share !== null && share === likeliest ? "likeliest" : certainty;
+    return [px < LEAST_PX || within ? "" : pixels(px), chance].filter(Boolean).join(" · ");
   },
-  candidateHelp: ({ kind, probability: share }) => {
-    const what = kind === "still" ? "the likeliest other does not help" : "this helps";
-    return `How far places would move${share === null ? "" : `. The chance that ${what} is ${percent(share)}`}`;
+  candidateHelp: ({ kind, within_error: within, probability: share }) => {
+    const chance = share === null ? "" : ` with a probability of ${percent(share)}`;
+    if (kind === "still") return chance && `Leaving the photo is right${chance}`;
+    const far = within ? "Places would move by no more than the typical error" : "How far places would move";
+    return `${far}${chance && `. It helps${chance}`}`;
   },
 
   // by hand
