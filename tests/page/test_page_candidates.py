@@ -124,9 +124,9 @@ def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(page: Page, photo:
     widths = page.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.clientWidth)")
     assert max(widths) - min(widths) <= 1  # one scale for all bars
     expect(shown.nth(1)).to_have_attribute("title", re.compile(r"chance that this helps is .* %"))
-    line = page.evaluate("async () => (await import('/page/words.js')).words.unsureHelp")
-    unsure = page.locator("[data-sure=unsure].sureness").count()
-    expect(page.locator("#panel .said").get_by_text(line)).to_have_count(unsure)
+    line = page.evaluate("async () => (await import('/page/words.js')).words.doubtedHelp")
+    doubted = page.locator("[data-sure=tentative].sureness, [data-sure=doubtful].sureness").count()
+    expect(page.locator("#panel .said").get_by_text(line)).to_have_count(doubted)
     page.get_by_label("The camera was moving").select_option("yes")  # then the chance of standing still says nothing
     expect(page.locator("#candidates")).not_to_contain_text("likeliest")
     expect(page.locator("#candidates meter")).to_have_count(0)
