@@ -123,7 +123,7 @@ def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(page: Page, photo:
     assert len(chances) > 1 and 0 < max(chances) <= 1
     widths = page.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.clientWidth)")
     assert max(widths) - min(widths) <= 1  # one scale for all bars
-    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"chance that this helps is .* %"))
+    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"[Ii]t helps with a probability of .* %"))
     line = page.evaluate("async () => (await import('/page/words.js')).words.doubtedHelp")
     doubted = page.locator("[data-sure=tentative].sureness, [data-sure=doubtful].sureness").count()
     expect(page.locator("#panel .said").get_by_text(line)).to_have_count(doubted)
