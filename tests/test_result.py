@@ -33,7 +33,7 @@ def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
     left = unshutter.rectify(photo, estimator=UNSURE)
     assert not left.changed
     assert left.reason == str(left.verdict.carried_out.reason)
-    assert left.reason.startswith("not sure: it would help with a probability of 0.")
+    assert left.reason.startswith("not sure enough: it would help with a probability of 0.")
     assert left.motion.is_zero and left.found.confidence == as_stated(MIN_CONFIDENCE / 2)
     assert left.found.motion.largest_px == pytest.approx(9)
     assert left.valid.all()
