@@ -64,7 +64,7 @@ def main() -> None:
             true = replace(held, roll_deg=held.roll_deg + roll, focal=held.focal * photo.height / len(rs))
             view = View(Photo.from_array(rs), Camera(focal_px=View(photo).known_focal_px()), View(photo).focal_px())
             found, shown = find_candidates(estimator, view)[0].finding, [rs]
-            offered = judge(found.fit(*rs.shape[:2]), Undo()).lean_deg is not None
+            offered = judge(found.fit(*rs.shape[:2]), Undo()).lean is not None
             for wish in (None, "level", "full"):
                 verdict = judge(found.fit(*rs.shape[:2]), Undo(upright=wish))
                 done = render(view.photo, verdict, "keep")

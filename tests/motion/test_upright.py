@@ -29,7 +29,7 @@ from unshutter.single.methods import find_candidates
 from unshutter.single.register import load
 
 HEIGHT, WIDTH, FOCAL = 300, 400, 1.3
-HELD = Pose(2.3, 6.0, FOCAL)
+HELD = Pose(2.3, 6.0, FOCAL, roll_error_deg=0.4)
 
 
 def seen(points, roll_deg, tilt_deg):
@@ -202,7 +202,7 @@ def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: b
 
 
 def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
-    upright = replace(STILL, held_at_rest=Pose(0.05, 0.0, FOCAL))
+    upright = replace(STILL, held_at_rest=Pose(0.05, 0.0, FOCAL, roll_error_deg=0.3))
     verdict = judge(upright, Undo(upright="full"))
     assert not verdict.changes and verdict.cause is Cause.NO_MOTION
     verdict = judge(STILL, Undo(upright="level"))
@@ -211,21 +211,41 @@ def test_what_is_upright_already_or_unknown_is_left_byte_for_byte() -> None:
     assert verdict.as_json()["not_upright"]["code"] == "pose-unknown"
 
 
-def test_a_photo_that_leans_says_what_straightens_it_either_way() -> None:
+def test_a_photo_that_leans_says_what_levels_it() -> None:
     unsure = posed(replace(STILL, reason=Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=0.7)))
-    line = "leans: the camera was turned, or moved; --upright level turns it by 1.4 degrees"
-    assert line in about(judge(unsure, Undo()))
-    assert "leans" not in about(judge(unsure, Undo(upright="level")))
-    offered = verdict_json(judge(unsure, Undo()))
-    assert offered["advice"][0] == "adviceLevel" and offered["lean_deg"] == pytest.approx(1.4, abs=0.05)
+    for found in (unsure, posed(STILL), replace(unsure, roll=Angle(1.4))):
+        assert "off level by 1.4 degrees, give or take 0.4" in about(judge(found, Undo()))
+        assert "off level" not in about(judge(found, Undo(upright="level")))
+        offered = verdict_json(judge(found, Undo()))
+        assert offered["advice"][0] == "adviceLevel"
+        assert (offered["lean_deg"], offered["lean_error_deg"]) == (1.4, 0.4)
     for other in (
-        posed(STILL),
-        replace(unsure, roll=Angle(1.4)),
+        posed(MOVED),
+        posed(replace(STILL, reason=Reason(Code.WHICH_WAY))),  # it moved, so it was not held like that
+        replace(unsure, roll=Angle(1.4, stated=True)),
         replace(unsure, held_at_rest=replace(HELD, roll_deg=0.9)),
+        replace(unsure, held_at_rest=replace(HELD, roll_error_deg=1.1)),
+        replace(unsure, held_at_rest=replace(HELD, roll_error_deg=None)),
         replace(unsure, held_at_rest=replace(HELD, roll_deg=9.0)),  # which is not undone unless it is stated
     ):
-        assert "leans" not in about(judge(other, Undo()))
-        assert "adviceLevel" not in verdict_json(judge(other, Undo()))["advice"]
+        assert "off level" not in about(judge(other, Undo()))
+        assert "adviceLevel" not in verdict_json(judge(other, Undo())).get("advice", ())
+
+
+def test_the_page_and_the_command_line_round_alike() -> None:
+    found = posed(STILL, roll=None)
+    found = replace(found, held_at_rest=replace(HELD, roll_deg=-1.2468))
+    assert "off level by 1.2 degrees" in about(judge(found, Undo()))
+    assert verdict_json(judge(found, Undo()))["lean_deg"] == 1.2
+    levelled = judge(found, Undo(upright="level"))
+    assert levelled.described().startswith("levelled by 1.2 degrees")
+    assert verdict_json(levelled)["upright"]["roll_deg"] == -1.2
+
+
+def test_what_shows_its_roll_badly_is_not_levelled() -> None:
+    found = replace(posed(STILL), held_at_rest=replace(HELD, roll_error_deg=None))
+    assert judge(found, Undo(upright="level")).as_json()["not_upright"]["code"] == "pose-unknown"
+    assert judge(replace(found, roll=Angle(2.3)), Undo(upright="level")).changes  # measured by the camera
 
 
 @pytest.mark.parametrize("moves", [False, True])

@@ -178,6 +178,23 @@ def _usage(kind: type) -> str:
     return " ".join([*(f"[{name}]" if each.more.get("optional") else name for each, name in places), "[options]"])
 
 
+def as_typed(arguments: Any, **changed: Any) -> list[str]:
+    """Returns words that parse into arguments: what was placed first, then options that are not as by default."""
+    placed: list[str] = []
+    flags: list[str] = []
+    for each in describe(type(arguments)):
+        if isinstance(each, Group):
+            flags += as_typed(getattr(arguments, each.key), **changed)
+            continue
+        value = changed.get(each.key, getattr(arguments, each.key))
+        values = [str(one) for one in value] if each.several and value is not None else [str(value)]
+        if _placed(each):
+            placed += [f"./{one}" if one.startswith("-") else one for one in values]
+        elif value != each.default:
+            flags += [each.more.get("short") or _flag(each), *([] if each.type is bool else values)]
+    return placed + flags
+
+
 def add_arguments(parser: argparse.ArgumentParser, kind: type, group: Any = None) -> list[argparse.Action]:
     """Adds the arguments of a dataclass to a group, if one is given, with a group for each nested dataclass."""
     added: list[argparse.Action] = []

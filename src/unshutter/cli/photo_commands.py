@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from unshutter.cli.arguments import Command
+from unshutter.cli.arguments import Command, as_typed
 from unshutter.cli.pipes import PIPE, Pipes, only
 from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.options import Estimate, Find, Neighbours, Rectify, Run, Save, Undo, option
@@ -57,24 +57,25 @@ def _rectify(arguments: RectifyPhotos) -> int:
         if pipes.is_read:
             arguments = replace(arguments, photos=[str(pipes.keep_photo())])
         if not pipes.is_written:
-            return _rectify_files(arguments)
+            return _rectify_files(arguments, pipes.is_read)
         if arguments.run.dry_run:
             raise UsageError("{--dry-run} lists files that would be written: leave out - or {--dry-run}")
         if len(arguments.photos) > 1 or Path(arguments.photos[0]).is_dir():
             raise UsageError("several photos need {--output} FOLDER: - is for one")
         pipes.name_results(place(arguments.photos[0]), arguments.save.format, arguments.save.keep_names)
-        code = _rectify_files(replace(arguments, output=str(pipes.results)))
+        code = _rectify_files(replace(arguments, output=str(pipes.results)), piped=True)
         pipes.send()
         return code
 
 
-def _rectify_files(arguments: RectifyPhotos) -> int:
+def _rectify_files(arguments: RectifyPhotos, piped: bool = False) -> int:
     from unshutter.run.commands import Outputs, rectify_files
 
     options = Rectify(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours).settled()
     try:
         into = Outputs.named(arguments.output, arguments.save_motion, arguments.masks)
-        return rectify_files(arguments.photos, into, options, arguments.run)
+        levelling = as_typed(arguments, upright="level")
+        return rectify_files(arguments.photos, into, options, arguments.run, [] if piped else levelling)
     except UnknownRatioError as error:
         raise error.with_advice("give {--readout-ratio}, or {--readout-ms} with {--fps}") from None
 

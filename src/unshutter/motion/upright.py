@@ -31,6 +31,7 @@ class Angle:
 
     deg: float  # [degrees]
     stated: bool = False  # whether the user stated it; otherwise it was measured
+    error_deg: float | None = None  # standard deviation [degrees]; None: unknown
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Pose:
     tilt_deg: float | None  # upwards [degrees]; None: unknown, or not to be undone
     focal: float  # focal length, in rows of the readout frame
     up: tuple[int, int] = (0, -1)  # unit vector (right, down) in the readout frame to the top of the scene
+    roll_error_deg: float | None = None  # standard deviation of a roll that was measured [degrees]; None: unknown
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "up", tuple(self.up))  # a list in a motion file

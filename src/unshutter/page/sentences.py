@@ -85,8 +85,8 @@ def verdict_json(verdict: Verdict) -> JsonObject:
         said = sentence(verdict.reason)
         offered = advice(verdict.reason, verdict.cause)
         data |= {"reason": said, "advice": offered}
-        if verdict.lean_deg is not None:
-            data |= {"advice": (_LEANS, *offered), "lean_deg": round(verdict.lean_deg, 2)}
+        if verdict.lean is not None:
+            data["advice"] = (_LEANS, *offered)
     return data
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.options import Estimate, Find, Rectify, Run, Undo
 from unshutter.progress import tell
-from unshutter.run.ahead import Ahead, Wanted, look_ahead
+from unshutter.run.ahead import Ahead, Wanted, look_ahead, open_input
 from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
 from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
 from unshutter.run.manifest import Manifest
 from unshutter.run.plan import Goal, Outputs, Plan, add_bursts, add_motions, make_plan, motion_targets
 from unshutter.run.report import Report, Tell, about, each_photo
-from unshutter.run.work import do_job
+from unshutter.run.work import Job, do_job
 from unshutter.single import register
 from unshutter.storage.files import check_motion_name
 from unshutter.storage.locations import Place, RunFiles, check_place, write_place
@@ -30,10 +30,22 @@ if TYPE_CHECKING:
     from unshutter.motion.verdict import Verdict
 
 
-def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, request: Rectify, run: Run) -> int:
-    """Rectifies each photo into its own file; returns the exit code."""
+def rectify_files(
+    photos: Sequence[str | os.PathLike[str]],
+    into: Outputs,
+    request: Rectify,
+    run: Run,
+    levelling: Sequence[str] = (),
+) -> int:
+    """Rectifies each photo into its own file; returns the exit code.
+
+    Args:
+        levelling: words after ``unshutter rectify`` that do this and level the photos, too; empty: there are none.
+    """
     inputs = find_photos(photos, leave_out=into.pictures.place if into.pictures is not None else None)
     plan = make_plan(inputs, into, request, run)
+    if plan.can_level:
+        plan.levelling = tuple(levelling)
     manifest = None
     if plan.home is not None:
         motion = None if plan.given is None else plan.given.to_json()
@@ -94,6 +106,7 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
     refused = [reason for _, reason in plan.refused]
     refused += [f"cannot read folder {folder}: {reason}" for folder, reason in inputs.unreadable]
     count = 0
+    at_once = 0
     for job in plan.to_do:
         try:
             check_outputs(job, plan.files, new_folders=True)
@@ -102,7 +115,9 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
                 refused.append(f"{job.source}: {error}")
                 continue
         count += 1
-        print(visible(f"{job.source} -> {job.picture}"))
+        fixed = _exposes_at_once(job, plan.request)
+        at_once += fixed
+        print(visible(f"{job.source} -> {job.picture}{' (no motion: its camera exposes all rows at once)' * fixed}"))
     for reason in refused:
         tell(f"unshutter: {reason}")
     if inputs.passed_over:
@@ -110,7 +125,22 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
     photos = "1 photo" if count == 1 else f"{count} photos"
     line = f"{photos} to do, {len(plan.finished)} finished already, {len(refused)} refused"
     tell(f"unshutter: {line}; nothing was written")
+    if at_once:
+        tell(f"unshutter: {at_once} of them by cameras that expose all rows at once: these have no motion to undo")
+    if count > at_once and plan.given is None:
+        tell("unshutter: others are left unchanged if their pixels do not show clearly that the camera moved")
     return 1 if refused else 0
+
+
+def _exposes_at_once(job: Job, request: Rectify) -> bool:
+    """Whether a photo's metadata tell that its camera exposes all rows at once, so that no motion of it is found."""
+    from unshutter.single.estimator import View  # imported here: it needs NumPy
+
+    if request.motion is not None or request.neighbours or request.neighbours.sequence:
+        return False
+    with suppress(UnshutterError):
+        return View(open_input(job.source, job.max_pixels), request.find.camera).readout_s().longest_s == 0
+    return False
 
 
 def estimate_files(request: Estimate) -> int:

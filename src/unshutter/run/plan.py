@@ -93,12 +93,22 @@ class Plan:
     run: Run = field(default_factory=Run)  # how
     files: RunFiles = field(default_factory=RunFiles)  # the files that are read and written
     home: Place | None = None  # folder of the manifest; None if no later run will look for the results
+    levelling: tuple[str, ...] = ()  # words after ``unshutter rectify`` that level the photos, too; empty: unknown
 
     @property
     def makes_a_set(self) -> bool:
         """Whether the results seem meant for photogrammetry: with masks or the photos' names, and all of them."""
         save = self.request.save
         return not save.only_changed and (save.keep_names or any(job.target(TargetKind.MASK) for job in self.to_do))
+
+    @property
+    def can_level(self) -> bool:
+        """Whether photos may be levelled besides: nothing else refers to their coordinates or their neighbours."""
+        request = self.request
+        neighbours = request.neighbours
+        kinds = TargetKind.MOTION, TargetKind.MASK
+        kept = any(job.target(kind) for job in self.to_do for kind in kinds)
+        return not (kept or neighbours or neighbours.sequence or self.given is not None or request.undo.upright)
 
     @property
     def judged_together(self) -> bool:

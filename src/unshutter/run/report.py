@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 Tell = Callable[[str], None]  # prints a line for the user
 
+_LONGEST_COMMAND = 400  # characters, with many photos
 _MAY_HAVE_MOVED = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.UNSURE_WHETHER_MOVED}
 _UNSURE_WHICH = {Code.UNSURE, Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED}
 _TOLD = {Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.MOVED_OTHERWISE}
@@ -53,6 +55,7 @@ class Report:
         self._causes: dict[Place, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
         self._start = time.monotonic()
         self._next_steps: dict[Place, tuple[str, ...]] = {}  # what the user can do about each photo that is unchanged
+        self._to_level: dict[Place, bool] = {}  # photos to level -> whether their results would have to be replaced
         self._log: JsonLog | None = None
 
     def __enter__(self) -> Report:
@@ -93,6 +96,7 @@ class Report:
         if again:
             self.counts["done" if job.source in self._causes else "skipped"] -= 1
             extras["again"] = True
+            self._to_level.pop(job.source, None)
         self._count(
             "done",
             job.source,
@@ -120,7 +124,11 @@ class Report:
             details = "; ".join(filter(None, (details, job.burst.described())))
         what = f"{job.source} -> {job.picture}" if changed else f"{job.source} left unchanged"
         what += " after all" if again else ""
-        self.tell(f"{what} ({details})" if details else what)
+        line = f"{what} ({details})" if details else what
+        if verdict is not None and verdict.lean is not None and self._plan.levelling:
+            self._to_level[job.source] = outcome.picture == job.picture and self._plan.home is None
+            line += f": {self._levelling()}" if self.total == 1 else ""
+        self.tell(line)
         self._bar.advance(0 if again else 1)
 
     def tell_of_folder(self, folder: Folder) -> None:
@@ -131,6 +139,12 @@ class Report:
                 f"unshutter: judging by all {len(folder.photos)} photos, about {folder.moved:.0f} moved: "
                 f"{photos} decided again (--each-alone judges each by itself)"
             )
+
+    def _levelling(self) -> str:
+        """The command that levels the photos, too."""
+        overwrite = ["--overwrite"] if any(self._to_level.values()) and not self._plan.run.overwrite else []
+        line = shlex.join(["unshutter", "rectify", *self._plan.levelling, *overwrite])
+        return line if len(line) <= _LONGEST_COMMAND else "the same command with --upright level"
 
     def save_preview(self) -> None:
         """Writes the preview, if there is one, and reports it."""
@@ -185,6 +199,9 @@ class Report:
             if changed and left and self._plan.makes_a_set:
                 mixed = f"only {changed} of {done} changed; a mixed set confuses the calibration"
                 self.tell(f"unshutter: {mixed}: use the originals, or leave out the others with --only-changed")
+            if count := len(self._to_level):
+                are = "1 is" if count == 1 else f"{count} are"
+                self.tell(f"unshutter: {are} off level by 1 degree or more: {self._levelling()}")
         if steps := dict.fromkeys(chain.from_iterable(self._next_steps.values())):
             self.tell(f"unshutter: what to try for photos left unchanged: {'; '.join(steps)}")
         return exit_code(self.counts["failed"], self.total)
@@ -197,8 +214,6 @@ def _next_steps(verdict: Verdict, told_moving: bool) -> Iterator[str]:
         yield "if the camera moved: --moving"
     if code in _BY_ITSELF:
         yield "with a frame taken just before or after: --before or --after"
-    if verdict.lean_deg is not None:
-        yield "if it leans: --upright level"
     if code is Code.WHICH_WAY:
         yield "if you know which way the camera moved: --moving left, right, up or down"
     if code in _UNSURE_WHICH:
@@ -268,8 +283,8 @@ def about(verdict: Verdict) -> str:
 
 def _advice(verdict: Verdict) -> str:
     """Names the option with which the photo would be changed; empty if there is none."""
-    if verdict.lean_deg is not None:
-        return f"leans: the camera was turned, or moved; --upright level turns it by {verdict.lean_deg:.1f} degrees"
+    if verdict.lean is not None:
+        return f"off level by {verdict.lean.deg:.1f} degrees, give or take {verdict.lean.error_deg:.1f}"
     if verdict.reason is None or verdict.confidence is None:
         return ""
     enough = verdict.least_confidence

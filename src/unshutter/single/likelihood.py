@@ -237,6 +237,8 @@ class ManhattanLikelihood:
         b = beliefs or Beliefs()
         self.known = known or KnownCamera()
         self.prior = Prior(b, self.known, aspect, opinion, kinds)
+        self.segments = segments
+        self.aspect = aspect
         self._ends = EndPoints(segments[:, :2]), EndPoints(segments[:, 2:])
         self.part = _parts(segments, aspect)
         self._turn = math.atan2(self.known.up[0], -self.known.up[1])
@@ -284,6 +286,13 @@ class ManhattanLikelihood:
     def of_segments(self, unknowns: np.ndarray) -> np.ndarray:
         """Returns the log-likelihood of each segment times its weight: [S, 10] -> [S, N]."""
         return self.weight * np.log(self._densities(self._residuals(unknowns))[0])
+
+    def weight_of_directions(self, unknowns: np.ndarray) -> np.ndarray:
+        """Returns the weight of the segments that run towards each vanishing point, the vertical first: [10] -> [3]."""
+        sine = self._residuals(unknowns[None]).sine[0] ** 2
+        pairs = zip(self._precisions, self._peaks, strict=True)
+        density = np.sum([np.exp(-0.5 * sine * precision) * peak for precision, peak in pairs], axis=0)  # [3, N]
+        return density / (density.sum(0) + self._anywhere) @ self.weight
 
     def _residuals(self, unknowns: np.ndarray) -> AngleResiduals:
         return AngleResiduals(self._ends, unknowns, self._turn)

@@ -27,6 +27,7 @@ from unshutter.single.likelihood import (
 )
 from unshutter.single.network import SegmentNetwork
 from unshutter.single.prior import Beliefs, MotionKind, NetworkErrors, SecondOpinion, shipped
+from unshutter.single.roll import roll_error
 from unshutter.single.search import PX, Posterior, cameras_for, displacement, explore
 
 
@@ -104,11 +105,16 @@ def _with_poses(
     """
     motions = np.array([np.zeros(6), *(view.cubic_of(each.motion) for each in candidates)])
     near = [posterior.pose if motion.any() else posterior.pose_at_rest for motion in motions]
+    cameras = cameras_for(likelihood, motions, near)
     at_rest, *poses = (
         Pose(-math.degrees(roll), math.degrees(tilt), math.exp(log_focal), view.up)
-        for roll, tilt, log_focal, _ in cameras_for(likelihood, motions, near).tolist()
+        for roll, tilt, log_focal, _ in cameras.tolist()
     )
-    at_rest = at_rest if posterior.gain_at_rest >= LEAST_GAIN else None
+    if posterior.gain_at_rest >= LEAST_GAIN:
+        error = roll_error(likelihood, cameras[0])
+        at_rest = replace(at_rest, roll_error_deg=None if error is None else math.degrees(error))
+    else:
+        at_rest = None
     held = []
     for each, pose in zip(candidates, poses, strict=True):
         moving = pose if posterior.lines_gain >= LEAST_GAIN else None

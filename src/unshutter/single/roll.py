@@ -1,0 +1,79 @@
+"""How well the lines of a photo show the roll of a camera at rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from unshutter.motion.shapes import Float64
+from unshutter.single.likelihood import ManhattanLikelihood
+from unshutter.single.prior import ROLL, TILT
+from unshutter.single.search import CAMERA, descend
+
+# measured on views of level places, with known roll (docs/research/own-model-folders.md#levelling)
+_FROM_ROLLS, _FROM_TILTS = np.radians([-6, -3, 0, 3, 6]), np.radians([-10, 0, 10])  # relative to the camera found
+_SAME_CAMERA = 0.003  # of its unknowns
+_SAME_ROLL = math.radians(0.3)
+_OTHER_CAMERAS = 0.2  # exponent of their evidence, as segments repeat each other's errors
+_FROM_SEGMENTS = 2.0  # times the deviation by the curvature, for the same reason
+_LEAST_ERROR = math.radians(0.3)  # of lenses and of what people build
+_LEAST_GAIN = 0.3  # of the lines over chance [nats per unit of weight]; below it, they show no roll
+_FEWEST_UPRIGHT = 0.1  # share of upright lines; below it, level ones may recede unless one is a horizon
+_HORIZON = 0.3  # share of the picture's width that segments of a horizon cover,
+_ON_A_LINE = 0.006  # rows from it
+_LEVEL = math.sin(math.radians(1))
+
+
+def roll_error(likelihood: ManhattanLikelihood, camera: Float64[np.ndarray, "4"]) -> float | None:
+    """Returns the standard deviation [rad] of the roll of a camera at rest; None if another one fits as well.
+
+    Args:
+        camera: the most probable one near a pose (:func:`~unshutter.single.search.cameras_for`).
+    """
+    still = np.concatenate([np.zeros(6), camera])
+    if float(likelihood.lines_gain(still[None])[0]) < _LEAST_GAIN:
+        return None
+    upright, *level = likelihood.weight_of_directions(still)
+    may_recede = likelihood.known.log_focal is None and upright < _FEWEST_UPRIGHT * (upright + sum(level))
+    if may_recede and _longest_line(likelihood, camera[0]) < _HORIZON:
+        return None
+    begin = np.tile(still, (1 + len(_FROM_ROLLS) * len(_FROM_TILTS), 1))
+    begin[1:, ROLL] += np.repeat(_FROM_ROLLS, len(_FROM_TILTS))
+    begin[1:, TILT] += np.tile(_FROM_TILTS, len(_FROM_ROLLS))
+    cameras, energy, hessian = descend(likelihood, begin, CAMERA)
+    cameras = cameras[:, CAMERA]
+    order = np.argsort(energy, kind="stable")
+    roll = cameras[order[0], 0]
+    if abs(roll - camera[0]) > _SAME_ROLL:
+        return None
+    kept: list[int] = []
+    for k in order:
+        if all(np.abs(cameras[k] - cameras[j]).max() > _SAME_CAMERA for j in kept):
+            kept.append(int(k))
+    curvature = hessian[kept][:, CAMERA, CAMERA]
+    evidence = -energy[kept] - 0.5 * np.linalg.slogdet(curvature)[1]
+    share = np.exp(_OTHER_CAMERAS * (evidence - evidence.max()))
+    others = float(share @ (cameras[kept, 0] - roll) ** 2 / share.sum())
+    return math.sqrt(_FROM_SEGMENTS**2 * float(np.linalg.inv(curvature[0])[0, 0]) + others + _LEAST_ERROR**2)
+
+
+def _longest_line(likelihood: ManhattanLikelihood, roll: float) -> float:
+    """Returns the largest share of the picture's width that level segments on one line cover."""
+    segments = likelihood.segments
+    up = likelihood.known.up
+    turned = roll + math.atan2(up[0], -up[1])
+    along = np.array([math.cos(turned), math.sin(turned)])
+    across = np.array([-along[1], along[0]])
+    way = segments[:, 2:] - segments[:, :2]
+    segments = segments[np.abs(way @ across) < _LEVEL * np.hypot(*way.T)]
+    height = (segments[:, :2] + segments[:, 2:]) @ across / 2
+    ends = np.sort(np.stack([segments[:, :2] @ along, segments[:, 2:] @ along], axis=1), axis=1)
+    longest = 0.0
+    for each in height:
+        covered, reached = 0.0, -math.inf
+        for start, end in sorted(ends[np.abs(height - each) < _ON_A_LINE].tolist()):
+            covered += max(end - max(start, reached), 0.0)
+            reached = max(reached, end)
+        longest = max(longest, covered)
+    return longest / float(np.abs(along) @ [likelihood.aspect, 1])
