@@ -31,7 +31,7 @@ MOVING = math.log(4)  # added to the log odds if the camera moved by its smears,
 # 100 came closer to the truth, whatever they stated (docs/research/own-model-folders.md)
 MOST_IN_FOLDER = 0.7
 # most that is stated of a photo that shows no motion: whatever such photos state, it barely tells those that moved
-# unseen from the others (docs/research/own-model-scenes.md)
+# unseen from the others (docs/research/own-model-attempts.md)
 MOST_AT_REST = 0.9
 FAINT_PX = 0.1  # of 256 rows: added to errors before their logarithm is taken
 _MOST = 50.0  # log odds
