@@ -16,8 +16,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: 
 
 import cv2
 import numpy as np
-from unshutter.frames.frame import SequenceOptions
 
+from unshutter.frames.frame import SequenceOptions
 from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import copy_side, link, render_moment
 from unshutter.frames.sequence_rectification import rectify_between
