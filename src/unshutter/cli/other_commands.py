@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -186,27 +187,32 @@ class Cameras:
     """Arguments of ``unshutter cameras``."""
 
     word: list[str] = positional("List only cameras with these words in their name.", "word", optional=True)
+    lenses: bool = option(False, "List lenses and their fields of view instead.")
+    json: bool = option(False, "Print the lines of the table as JSON.")
 
 
 def _cameras(arguments: Cameras) -> int:
-    """Prints the list of cameras; with a word, also that of their lenses."""
+    """Prints the list of cameras, of the modes of those that have a word in their name, or of lenses."""
     from unshutter.video import cameras, lenses
 
     word = " ".join(arguments.word)
-    known = lenses.named_lenses(word) if word else []
-    if not known or cameras.named(cameras.table(), word):
-        print(cameras.describe_modes(cameras.listed(word)))
-    if known:
-        print("\nlenses, from corner to corner:\n" + lenses.describe_lenses(known))
+    has_modes = bool(cameras.named(cameras.table(), word))
+    if arguments.lenses or (not has_modes and lenses.named_lenses(word)):  # some cameras have lenses only
+        found = lenses.listed(word)
+        text = lenses.describe_lenses(found)
+    else:
+        found = cameras.listed(word)
+        text = cameras.describe_modes(found) if word else cameras.describe_cameras(found)
+    print(json.dumps([each.as_json() for each in found], indent=1) if arguments.json else text)
     return 0
 
 
 CAMERAS = Command(
     """List the cameras whose readout time is known, for clips.
 
-Each line has camera and lens, frame size and rate, and readout time. `unshutter video --camera NAME` takes these times.
-They come from Gyroflow's lens profiles (CC0), where users share what they measured. With a word, the lenses of these
-cameras are listed, too.""",
+Each line has a camera, the number of its modes and its readout times. With a word, each has camera and lens, frame size
+and rate, and readout time. `unshutter video --camera NAME` takes these times. They come from Gyroflow's lens profiles
+(CC0), where users share what they measured.""",
     Cameras,
     _cameras,
 )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from importlib.resources import files
 from typing import TypeVar
@@ -91,8 +91,11 @@ class CameraMode(Profile):
     least_ms: float  # shortest of the profiles [ms]
     most_ms: float  # longest of the profiles [ms]
     profiles: int = 1  # number of profiles
-    upward: bool = False  # whether the last stored row is read first, for instance in a phone held upside down
     note: str = ""  # further conditions of the time
+
+    def as_json(self) -> dict[str, str | float]:
+        """Returns the columns of the table by name; times in ms, sizes in px."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
     def mode(self) -> str:
@@ -104,12 +107,6 @@ class CameraMode(Profile):
         """Description of the readout time; a range if the profiles disagree."""
         one = _agree(self.least_ms, self.most_ms)
         return f"{self.readout_ms:.1f} ms" if one else f"{self.least_ms:.1f} to {self.most_ms:.1f} ms"
-
-    @property
-    def notes(self) -> list[str]:
-        """Further remarks about the mode."""
-        upward = "read from the bottom up: the camera was upside down" if self.upward else ""
-        return [note for note in (self.note, upward) if note]
 
     def has_size(self, size: tuple[int, int]) -> bool:
         """Whether its frames have this (width, height), in either orientation."""
@@ -138,7 +135,6 @@ def table() -> tuple[CameraMode, ...]:
             least_ms=float(line["least"]),
             most_ms=float(line["most"]),
             profiles=int(line["profiles"]),
-            upward=line["direction"] == "bottom-up",
             note=line["note"],
         )
         for line in lines_of("cameras.csv")
@@ -263,9 +259,24 @@ def _near_names(word: str) -> list[str]:
     return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, _MOST_NEAR, 0.7)))
 
 
+def describe_cameras(modes: Iterable[CameraMode]) -> str:
+    """Formats the cameras, one per line, with the number of their modes and the range of their readout times."""
+    by_camera: dict[str, list[CameraMode]] = {}
+    for mode in modes:
+        by_camera.setdefault(_spelled(mode.camera), []).append(mode)
+    rows = []
+    for of_one in by_camera.values():
+        least = min(mode.least_ms for mode in of_one)
+        most = max(mode.most_ms for mode in of_one)
+        time = f"{least:.1f} ms" if least == most else f"{least:.1f} to {most:.1f} ms"
+        rows.append((of_one[0].camera, f"{len(of_one)} mode{'s' if len(of_one) > 1 else ''}", time))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+
+
 def describe_modes(modes: Iterable[CameraMode]) -> str:
     """Formats the modes, one per line."""
-    rows = [(mode.name, mode.mode, mode.time, ", ".join(mode.notes)) for mode in modes]
+    rows = [(mode.name, mode.mode, mode.time, mode.note) for mode in modes]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         f"{name.ljust(widths[0])}  {mode.ljust(widths[1])}  {time.rjust(widths[2])}  {note}".rstrip()

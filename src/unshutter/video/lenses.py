@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.frames.camera import DEGREES, ROWS, padded_ends, student_weights, turn_jacobian
 from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks
@@ -363,6 +363,10 @@ class LensProfile(cameras.Profile):
         corner = float(np.hypot(self.width, self.height)) / 2 / self.width / self.focal
         return 2 * float(np.degrees(Lens(1.0, self.k).angle(corner)))
 
+    def as_json(self) -> dict[str, object]:
+        """Returns the columns of the table by name, and the field of view from corner to corner [degrees]."""
+        return {**{each.name: getattr(self, each.name) for each in fields(self)}, "degrees": round(self.degrees, 1)}
+
 
 @cache
 def table() -> tuple[LensProfile, ...]:
@@ -412,6 +416,14 @@ def _listed(request: ClipRequest) -> Lens | None:
 def named_lenses(name: str) -> list[LensProfile]:
     """Returns the lenses of cameras whose name contains a word, in any case and spelling."""
     return cameras.named(table(), name)
+
+
+def listed(word: str) -> list[LensProfile]:
+    """Returns the lenses of cameras whose name contains a word; all if the word is empty."""
+    lenses = named_lenses(word)
+    if not lenses:
+        raise UsageError(f"the table has no lens of a camera called '{shortened(word)}'")
+    return lenses
 
 
 def describe_lenses(lenses: Sequence[LensProfile]) -> str:
