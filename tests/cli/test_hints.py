@@ -122,12 +122,12 @@ HINTS = [
     ("video clip.mkv -o out.png", "write film.mkv", "video clip.mkv -o film.mkv --readout-ms 20 --end 0.2"),
     ("video clip.mkv -o out.xyz", "use .mp4, .mov or .mkv", "video clip.mkv -o out.mkv --readout-ms 20 --end 0.2"),
     (
-        "video clip.mkv -o out.mkv --camera Aple-iPhone-14",
-        "did you mean Apple iPhone 14",
-        "video clip.mkv -o out.mkv --camera Apple-iPhone-14",
+        "video clip.mkv -o out.mkv --camera Aple-iPhone-12",
+        "did you mean Apple iPhone 12",
+        "video clip.mkv -o out.mkv --camera Apple-iPhone-12",
     ),
     (
-        "video clip.mkv -o out.mkv --camera Apple-iPhone-14",
+        "video clip.mkv -o out.mkv --camera Apple-iPhone-12",
         "give --readout-ms",
         "video clip.mkv -o out.mkv --readout-ms 20 --end 0.2",
     ),
