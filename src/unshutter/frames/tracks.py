@@ -15,6 +15,9 @@ _QUALITY = 0.005  # of a corner, as a share of the best one's
 _APART = 1 / 45  # distance of corners, as a share of the diagonal
 _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
 _RETURNS = 0.3  # px; largest forward-backward error
+_ALIKE = 0.5  # mean correlation of windows: above it, two frames show one scene (noise alone: at most 0.3)
+_BY_CHANCE = 5.0  # standard errors by which tracks must be more, or their windows more alike, than by chance
+_FEW_UNRELATED = 3  # fewer corners found in an unrelated picture: none are found by chance
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is measured
 _FEWEST = 12  # tracks; fewer are inconclusive
 _LEAST_OF_SCENE = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
@@ -77,6 +80,15 @@ def follow(
     corners = cv2.goodFeaturesToTrack(earlier, _MOST_CORNERS, _QUALITY, apart)
     if corners is None:
         return Tracks(np.zeros((0, 2)), np.zeros((0, 2)), height, width, 0, lens)
+    tracks = _found(earlier, later, corners, lens)
+    return tracks if _shows_one_scene(tracks, earlier, later, corners) else tracks.only(np.zeros(len(tracks), bool))
+
+
+def _found(earlier: np.ndarray, later: np.ndarray, corners: np.ndarray, lens: Lens | None = None) -> Tracks:
+    """Returns the tracks of those corners [N, 1, 2] that are found again."""
+    import cv2
+
+    height, width = earlier.shape
     guess = corners + _shift(earlier, later).astype(np.float32)
     settings = {
         "winSize": (_WINDOW, _WINDOW),
@@ -91,6 +103,47 @@ def follow(
     good = (status[:, 0] > 0) & (status_back[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
     good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
     return Tracks(start[good], end[good], height, width, len(corners), lens)
+
+
+def _shows_one_scene(tracks: Tracks, earlier: np.ndarray, later: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether there are more tracks than in unrelated pictures, or windows around them are more alike.
+
+    Lucas-Kanade finds a third of the corners of pure noise again, forward and backward, and now and then enough of them
+    agree on a motion. The later frame turned by 180 degrees has the same noise and is unrelated: it shows how many
+    corners are found by chance, and how alike their windows are.
+    """
+    if not len(tracks):
+        return True
+    alike = _correlations(tracks, earlier, later)
+    if alike.mean() > _ALIKE:
+        return True
+    turned = np.ascontiguousarray(later[::-1, ::-1])
+    unrelated = _found(earlier, turned, corners)
+    more = len(tracks) - len(unrelated)
+    if len(unrelated) < _FEW_UNRELATED or more > _BY_CHANCE * np.sqrt(len(tracks) + len(unrelated)):
+        return True
+    by_chance = _correlations(unrelated, earlier, turned)
+    error = by_chance.std(ddof=1) * np.sqrt(1 / len(alike) + 1 / len(by_chance))
+    return alike.mean() > by_chance.mean() + _BY_CHANCE * error
+
+
+def _correlations(tracks: Tracks, earlier: np.ndarray, later: np.ndarray) -> Float64[np.ndarray, "tracks"]:
+    """Returns the normalised correlation of the windows around the start and the end of each track, -1 ... 1."""
+    first, second = (_windows(*each) for each in ((earlier, tracks.start), (later, tracks.end)))
+    lengths = np.sqrt((first**2).sum(axis=1) * (second**2).sum(axis=1))
+    return (first * second).sum(axis=1) / np.maximum(lengths, 1e-9)
+
+
+def _windows(picture: np.ndarray, points: np.ndarray) -> Float64[np.ndarray, "points window"]:
+    """Returns the pixels of the windows around points (col, row), less the mean of each window."""
+    import cv2
+
+    aside = np.arange(_WINDOW) - _WINDOW // 2
+    column = np.repeat(points[:, 0, None] + aside, _WINDOW, axis=0).astype(np.float32)
+    row = np.repeat((points[:, 1, None] + aside).reshape(-1, 1), _WINDOW, axis=1).astype(np.float32)
+    seen = cv2.remap(picture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = seen.reshape(len(points), -1).astype(np.float64)
+    return seen - seen.mean(axis=1, keepdims=True)
 
 
 def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
