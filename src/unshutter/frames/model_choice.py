@@ -23,11 +23,19 @@ _FEWEST = 12  # corners
 
 def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
     """Chooses the model that suits a frame better; computes optical flow only if the camera model may be poor."""
+    pairs = [
+        (first, earlier, later)
+        for first, earlier, later in ((-1, before, current), (0, current, after))
+        if earlier is not None and later is not None
+    ]
     if camera.fit is None:
-        return "camera" if camera.stood_still else "dense"
-    for first, earlier, later in ((-1, before, current), (0, current, after)):
-        if earlier is None or later is None:
-            continue
+        if camera.stood_still:
+            return "camera"
+        for _, earlier, later in pairs:
+            earlier.connect(later)
+        # flow fits noise to noise, too: some corner must be found again
+        return "dense" if any(len(earlier.tracks_to(later)) for _, earlier, later in pairs) else "camera"
+    for first, earlier, later in pairs:
         tracks = earlier.tracks_to(later)
         missed = camera_misses(camera, tracks, first)
         if missed <= _LEAST or not tracks:  # where nothing can be followed, neither model is better
