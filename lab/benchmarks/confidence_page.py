@@ -21,7 +21,6 @@ RUNS = ("synthetic", "undistorted")
 SUITE = "256 px"  # of both runs
 DROPPED, AIM = 0.2, 0.3  # of the pictures; of their mean EPE
 AIM_GAP = 0.05  # between the confidences of a bin and the share that is right
-AIM_KIND = 0.12  # the same of the pictures with one kind of motion
 ALL = "all"
 _Groups = dict[str, dict[str, Judged]]  # folder, and ALL -> estimator with a confidence -> its pictures
 
@@ -55,8 +54,7 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
     gaps = [_gaps(kind, groups) for kind, groups in kinds.items()]
     drops = [_drops(kind, groups) for kind, groups in kinds.items()]
     (docs / CSV).write_text(as_csv([*gaps, *drops]))
-    parts += [_gap_words(), _of_all(gaps), f"### The bins, half and half, {ALL} photos", _bins(kinds["Half and half"])]
-    parts += _of_kinds(kinds["Half and half"][ALL])
+    parts += [_gap_words(), _of_all(gaps)]
     parts += [f"## Without the {DROPPED * 100:.0f} % that are trusted least", _bounds(kinds), _of_all(drops)]
     pages = " and ".join(f"[{name}]({name}.md)" for name in RUNS)
     parts += [f"[All figures, folder by folder, as CSV]({CSV}). Measured by the commands of {pages}."]
@@ -118,36 +116,6 @@ def _of_all(tables: list[Table]) -> str:
     """One table with the rows of all folders together, and the kind of photos in the place of the folder."""
     rows = [[table.suite, *row[1:]] for table in tables for row in table.rows if row[0] == ALL]
     return Table("", tables[0].titles, rows).markdown
-
-
-def _bins(groups: _Groups) -> str:
-    """A table with a row for each method and bin, all folders together."""
-    rows = []
-    for name, judged in groups[ALL].items():
-        for each in judged.bins():
-            low, high = each.interval
-            cells = [name, f"{each.low:.1f} to {each.high:.1f}", f"{each.count}", f"{each.stated:.2f}"]
-            rows.append([*cells, f"{each.right:.2f}", f"{low:.2f} … {high:.2f}", f"{each.gap:+.2f}"])
-    return Table("", ["estimator", "confidence", "pictures", "mean", "right", "with 95 %", "gap"], rows).markdown
-
-
-def _of_kinds(methods: dict[str, Judged]) -> list[str]:
-    """A section with a row for each method and kind of motion; nothing where no method knows kinds."""
-    rows = []
-    for name, judged in methods.items():
-        for kind, each in judged.by_kind().items():
-            gap = each.right_share - each.stated
-            within = abs(float(f"{gap:.2f}")) <= AIM_KIND
-            cells = [name, kind, f"{len(each)}", f"{each.stated:.2f}", f"{each.right_share:.2f}"]
-            rows.append([*cells, f"**{gap:+.2f}**" if within else f"{gap:+.2f}"])
-    if not rows:
-        return []
-    words = (
-        "The kind of motion is that which the answer states, not that which moved the picture. "
-        f"Bold: the aim, at most {AIM_KIND:g}, is reached."
-    )
-    table = Table("", ["estimator", "kind", "pictures", "mean confidence", "right", "gap"], rows)
-    return [f"### By kind of motion, half and half, {ALL} photos", words, table.markdown]
 
 
 def _worst(worst: Bin | None) -> list[str]:

@@ -10,7 +10,6 @@ import pytest
 from unshutter.photo import Photo
 from unshutter_lab.evaluation.case import Record
 from unshutter_lab.evaluation.reliability import (
-    LEFT,
     Judged,
     draw_reliability,
     effective_size,
@@ -87,20 +86,6 @@ def test_right_is_what_is_closer_to_the_truth_than_the_photo() -> None:
     records = [{"epe": epe, "epe_nothing": 4.0, "epe_best": best, "confidence": 0.6} for epe, best in answers]
     (only,) = Judged.of(pd.DataFrame(records)).bins()
     assert (only.count, only.right) == (4, pytest.approx(2 / 4))
-
-
-def test_kinds_are_those_of_the_answers() -> None:
-    answers = [("pan", "", 0.4, 0.5), ("pan", "", 0.6, 9.0), ("pan", "no motion", 0.9, 0.2), ("hand", "", None, 0.1)]
-    records: list[Record] = [
-        {"epe": epe, "epe_nothing": 4.0, "epe_best": 0.1, "kind": kind, "left_alone": left, "confidence": confidence}
-        for kind, left, confidence, epe in answers
-    ]
-    kinds = Judged.of(pd.DataFrame(records)).by_kind()
-    assert {kind: (each.stated, each.right_share) for kind, each in kinds.items()} == {
-        "pan": (0.5, 0.5),
-        LEFT: (0.9, 1.0),
-    }
-    assert judged([1.0], [0.5]).by_kind() == {}
 
 
 def test_in_a_bin_both_kinds_of_pictures_have_their_weight() -> None:

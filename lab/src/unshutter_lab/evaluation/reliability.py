@@ -17,7 +17,6 @@ from unshutter_lab.evaluation.plots import finish_figure, new_figure, save_figur
 
 BINS = 10
 ENOUGH = 20  # fewest pictures in a bin whose gap counts
-LEFT = "left unchanged"  # used as the kind of motion for pictures left unchanged
 _DECLINED = -1.0  # trust in a declined picture: below any confidence
 _Z = 1.959964  # half-width of the 95 % interval of a normal distribution, in standard deviations
 _AREA = 1.5  # of a dot in the diagram, per picture [square points]
@@ -47,8 +46,7 @@ class Judged:
     """An estimator's errors on some pictures, with its confidence.
 
     A picture has its error ``epe`` [px at 256 rows], whether the answer is ``right`` (metrics.is_right), the confidence
-    ``trust`` (-1 if it declined or failed, which ranks lowest), a ``weight``, and a ``kind``: the likeliest kind of
-    motion according to the answer, LEFT if the picture is left unchanged; empty if the estimator reports none.
+    ``trust`` (-1 if it declined or failed, which ranks lowest) and a ``weight``.
     """
 
     pictures: Any  # pandas.DataFrame
@@ -56,13 +54,11 @@ class Judged:
     @classmethod
     def of(cls, records: Any) -> Judged:
         """Collects the records of one estimator (pandas.DataFrame) with equal weights."""
-        known = records.reindex(columns=["epe", "epe_nothing", "epe_best", "confidence", "kind", "left_alone"])
-        kind = known["kind"].astype(object).fillna("")
+        known = records.reindex(columns=["epe", "epe_nothing", "epe_best", "confidence"])
         pictures = {
             "epe": known["epe"],
             "right": is_right(known["epe"], known["epe_nothing"], known["epe_best"]),
             "trust": known["confidence"].astype(float).fillna(_DECLINED),
-            "kind": kind.mask((kind != "") & (known["left_alone"] != ""), LEFT),
             "weight": 1.0,
         }
         return cls(pd.DataFrame(pictures))
@@ -89,10 +85,6 @@ class Judged:
     def answered(self) -> Judged:
         """The pictures with a confidence."""
         return Judged(self.pictures[self.pictures["trust"] != _DECLINED])
-
-    def by_kind(self) -> dict[str, Judged]:
-        """Returns the pictures with a confidence by likeliest kind of motion; empty if none are reported."""
-        return {str(kind): Judged(some) for kind, some in self.answered.pictures.groupby("kind") if kind}
 
     def _average(self, key: str) -> float:
         return float(np.average(self.pictures[key], weights=self.weight))

@@ -34,7 +34,6 @@ STACKED = {
             "**Benefit and harm**: the shares of pictures that `rectify` brings closer to the truth by more than half "
             "a pixel, and that it takes farther away from it.",
         ),
-        (("EPE mean",), "**Every answer applied**, however unsure: mean EPE."),
     ),
 }
 LEGENDS = {
