@@ -25,7 +25,7 @@ FROM_THE_LAB = {
     "train --config segment-transformer": "'train'",
     "rectify street.jpg --estimator kandula2020-research": "'kandula2020-research'",
 }
-NOT_FOR_A_PHOTO = {"serve": "waits for a browser", "video": "needs a clip"}
+NOT_FOR_A_PHOTO = {"serve": "waits for a browser", "open": "opens one", "video": "needs a clip"}
 
 
 def commands(page: str) -> list[list[str]]:

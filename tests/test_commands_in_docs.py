@@ -50,6 +50,7 @@ SKIPPED = {
     "docker ": "is another program",
     "dask ": "starts a cluster: tests/run/test_cluster.py does",
     "unshutter serve": "runs until it is stopped: tests/page does",
+    "unshutter open": "starts a page that stays: tests/page does",
     "unshutter rectify s3://": "needs a store: tests/run/test_urls.py uses one in memory",
     "unshutter rectify /photos": "needs a cluster: tests/run/test_cluster.py has one",
     "unshutter train": "trains for hours: lab/tests/training trains a little",
