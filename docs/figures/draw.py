@@ -62,32 +62,58 @@ def side_by_side(name: str, before: np.ndarray, after: np.ndarray, valid: np.nda
 
 
 def burst() -> None:
-    """The middle one of three frames of a swinging camera, and what its neighbours make of it."""
+    """The middle one of the example's three frames of a swinging camera, and what its neighbours make of it."""
     import unshutter
     from unshutter.photo import Photo
-    from unshutter_lab.synthesis.sequences import TurningCamera
 
-    basilica = Photo.open(ROOT / "examples" / "original" / "basilica.webp").to_array()
-    camera = TurningCamera(hand(), 0.8, 3, 30.0, 0.7, 480, 640, 560.0)
-    frames = list(camera.rendered(basilica, noise=2.0))
+    frames = [Photo.open(ROOT / "examples" / "burst" / f"{name}.jpg").to_array() for name in "abc"]
     straight = list(unshutter.rectify_frames(frames, readout_ratio=0.7, edges="keep"))[1]
     side_by_side("burst", frames[1], straight.array, straight.valid)
 
 
 def clip() -> None:
-    """Two seconds of the example's clip and what unshutter makes of them, side by side, as a short animation."""
-    import av
+    """The example's clip and what unshutter makes of it: two seconds as an animation, and its most distorted frame."""
+    import runpy
+    import tempfile
+
+    import cv2
     from PIL import Image
 
     import unshutter
+    from unshutter.motion.edges import valid_window
 
-    with av.open(str(ROOT / "examples" / "walk.mp4")) as film:
-        frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
-    results = unshutter.rectify_frames(frames, readout_ms=20, fps=30, model="camera", edges="fill", reference="middle")
-    straight = (result.array for result in results)
-    pairs = [np.hstack([before[::2, ::2], after[::2, ::2]]) for before, after in zip(frames, straight, strict=False)]
+    walk = ROOT / "examples" / "walk.mp4"
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "straight.mp4"
+        unshutter.rectify_clip(walk, output, readout_ms=20)
+        frames, straight = frames_of(walk), frames_of(output)
+    smaller = {"dsize": None, "fx": 2 / 3, "fy": 2 / 3, "interpolation": cv2.INTER_AREA}
+    pairs = [cv2.resize(np.hstack(pair), **smaller) for pair in zip(frames, straight, strict=True)]
     first, *others = [Image.fromarray(pair) for pair in pairs[6:66:2]]
     first.save(HERE / "clip.webp", save_all=True, append_images=others, duration=67, loop=0, quality=60, method=6)
+
+    render = runpy.run_path(str(ROOT / "examples" / "render.py"))
+    truths = list(render["seen"](render["walk"](), 0.0, is_global=True))
+    options = {"readout_ms": 20, "fps": 30, "model": "camera", "edges": "keep", "reference": "middle"}
+    results = list(unshutter.rectify_frames(frames, **options))
+    windows = [valid_window(result.valid, any_shape=True) for result in results]
+    shown = [
+        [each[w.top : w.bottom, w.left : w.right] for each in (before, result.array, truth)]
+        for before, result, truth, w in zip(frames, results, truths, windows, strict=True)
+    ]
+    gains = np.array([[cv2.PSNR(panel, panels[-1]) for panel in panels[:-1]] for panels in shown])
+    worst = int(gains[:, 0].argmin())
+    print("PSNR [dB] before and after: the worst frame", gains[worst].round(1), "the clip", gains.mean(axis=0).round(1))
+    panels = [np.pad(panel, ((0, 0), (0, 6), (0, 0)), constant_values=255) for panel in shown[worst]]
+    Image.fromarray(np.hstack(panels)[:, :-6]).save(HERE / "clip.jpg", quality=86)
+
+
+def frames_of(clip: Path) -> list[np.ndarray]:
+    """Returns the frames [H, W, 3] of a clip."""
+    import av
+
+    with av.open(str(clip)) as film:
+        return [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
 
 
 def time_against_rows() -> None:
