@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from unshutter.errors import visible
 
@@ -13,7 +14,11 @@ if TYPE_CHECKING:
 
     from unshutter.readout_time import ReadoutTime
 
-Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
+Count: TypeAlias = Callable[[int], object]  # called with the number of items that are done
+
+
+def uncounted(items: int) -> None:
+    """Ignores what is done, where nobody counts it."""
 
 
 def tell(line: str) -> None:
@@ -27,28 +32,36 @@ def _has_standard_error() -> bool:
     return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
 
 
-class Progress:
-    """A progress bar on standard error; shows nothing if that is not a terminal or there is only one item."""
+class _Bar:
+    """A progress bar on standard error; nothing is shown before it starts, or if that is not a terminal."""
 
-    def __init__(self, total: int, what: str = "photos"):
-        self._bar: rich.progress.Progress | None = None
-        if total > 1 and _has_standard_error() and sys.stderr.isatty():
-            self._bar = _bar()
-            self._task = self._bar.add_task(what, total=total, rate="")
-            self._bar.start()
+    _bar: rich.progress.Progress | None = None
 
-    def __enter__(self) -> Progress:
+    def _start(self, what: str, total: float, *columns: str) -> None:
+        """Shows the bar.
+
+        Args:
+            columns: what is written after the bar: formats of a task, whose field ``said`` is "" at first.
+        """
+        if not (_has_standard_error() and sys.stderr.isatty()):
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        self._bar = Progress(
+            *(TextColumn("{task.description}"), BarColumn(), *map(TextColumn, columns)),
+            console=Console(stderr=True),
+            redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),  # rich would send results to standard error
+        )
+        self._task = self._bar.add_task(what, total=total, said="")
+        self._bar.start()
+
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         if self._bar is not None:
             self._bar.stop()
-
-    def advance(self, count: int = 1) -> None:
-        """Marks ``count`` more items as done."""
-        if self._bar is not None:
-            self._bar.advance(self._task, count)
-            self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))
 
     def tell(self, line: str) -> None:
         """Prints one line for the user, above the bar if there is one; control characters are escaped."""
@@ -58,20 +71,38 @@ class Progress:
             tell(line)
 
 
-class Steps:
-    """Counts the steps of a task and reports each to a callback, if there is one; prints nothing."""
+class Progress(_Bar):
+    """A progress bar for items; shows nothing if there is only one."""
 
-    def __init__(self, what: str, total: int, watch: Watch | None):
-        self._what = what
-        self._total = total
-        self._watch = watch
-        self._done = 0
+    def __init__(self, total: int, what: str = "photos"):
+        if total > 1:
+            self._start(what, total, "{task.completed:.0f}/{task.total:.0f}", "{task.fields[said]}")
 
     def advance(self, count: int = 1) -> None:
-        """Marks ``count`` more steps as done."""
-        self._done += count
-        if self._watch is not None:
-            self._watch(self._what, self._done, self._total)
+        """Marks ``count`` more items as done."""
+        if self._bar is not None:
+            self._bar.advance(self._task, count)
+            task = self._bar.tasks[self._task]
+            said = [rate(task.speed), "" if task.time_remaining is None else clock(task.time_remaining)]
+            self._bar.update(self._task, said=" ".join(said))
+
+
+class ShareBar(_Bar):
+    """A progress bar for one task of several steps, which starts with the first of them."""
+
+    def show(self, share: float, left_s: float | None) -> None:
+        """Shows which share of the task is done, and how long the rest takes [s], if that is known."""
+        self._show(completed=share, said="" if left_s is None else clock(left_s))
+
+    def name(self, what: str, done: int, total: int) -> None:
+        """Shows which step is on its way, and how much of it is done."""
+        self._show(description=f"{what} {done}/{max(done, total)}")
+
+    def _show(self, **shown: Any) -> None:
+        if self._bar is None:
+            self._start("", 1.0, "{task.percentage:>3.0f}%", "{task.fields[said]}")
+        if self._bar is not None:
+            self._bar.update(self._task, **shown)
 
 
 class ClipObserver:
@@ -79,6 +110,14 @@ class ClipObserver:
 
     def note_progress(self, what: str, done: int, total: int) -> None:
         """Is called for every step of the work, with its kind, the number that are done, and their total."""
+
+    def note_share(self, share: float, left_s: float | None) -> None:
+        """Is called for every step of the work, and perhaps from another thread, but never twice at a time.
+
+        Args:
+            share: how much of the whole work is done, from 0 to 1; it never falls.
+            left_s: how long the rest takes [s]; None if that is not known yet.
+        """
 
     def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
         """Is called once the readout time is found, which may be long before the clip is done; with the time between
@@ -92,35 +131,6 @@ class ClipObserver:
 SILENT = ClipObserver()
 
 
-class Bars:
-    """Progress bars on the terminal, one after another: a callback for work that counts several kinds of steps."""
-
-    def __init__(self) -> None:
-        self._what = ""
-        self._done = 0
-        self._bar: Progress | None = None
-
-    def __enter__(self) -> Bars:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._bar is not None:
-            self._bar.__exit__(*error)
-        self._bar = None
-
-    def __call__(self, what: str, done: int, total: int) -> None:
-        """Shows that ``done`` of ``total`` steps of the kind ``what`` are complete."""
-        if self._bar is None or what != self._what:
-            self.__exit__()
-            self._what, self._done, self._bar = what, 0, Progress(total, what)
-        self._bar.advance(done - self._done)
-        self._done = done
-
-    def tell(self, line: str) -> None:
-        """Prints one line above the bar."""
-        (self._bar or Progress(1)).tell(line)
-
-
 def rate(per_second: float | None) -> str:
     """Formats a speed: ``2.5/s``, or ``4.0 s each``."""
     if not per_second:
@@ -128,15 +138,6 @@ def rate(per_second: float | None) -> str:
     return f"{per_second:.1f}/s" if per_second >= 1 else f"{1 / per_second:.1f} s each"
 
 
-def _bar() -> rich.progress.Progress:
-    """Creates the bar: progress, speed and remaining time."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    name = TextColumn("{task.description}")
-    speed = TextColumn("{task.fields[rate]}")
-    return Progress(
-        *(name, BarColumn(), MofNCompleteColumn(), speed, TimeRemainingColumn()),
-        console=Console(stderr=True),
-        redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),  # rich would send results to standard error
-    )
+def clock(seconds: float) -> str:
+    """Formats a time that is left: ``0:01:30``."""
+    return str(timedelta(seconds=round(seconds)))

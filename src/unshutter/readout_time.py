@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from unshutter.reasons import JsonObject, Reason
+from unshutter.reasons import Reason
 
 _DIGITS = 12  # after the point, so that a ratio is still the same after it was a time
 
@@ -100,30 +100,3 @@ class ReadoutTime:
     def longest_s(self) -> float:
         """The longest plausible time [s]; equal to the usual one if that is known."""
         return self.plausible_s[1] if self.plausible_s else self.seconds
-
-    def as_json(self) -> JsonObject:
-        """Returns all fields, ready for JSON, as read by :meth:`from_json`."""
-        return {
-            "seconds": self.seconds,
-            "error_s": self.error_s,
-            "source": self.source,
-            "camera": self.camera,
-            "plausible_s": self.plausible_s,
-            "instead_of": self.instead_of and self.instead_of.as_json(),
-            "declined": self.declined and self.declined.as_json(),
-            "shown_s": self.shown_s,
-        }
-
-    @classmethod
-    def from_json(cls, data: JsonObject) -> ReadoutTime:
-        """Reads the data written by :meth:`as_json`."""
-        return cls(
-            seconds=data["seconds"],
-            error_s=data["error_s"],
-            source=ReadoutSource(data["source"]),
-            camera=data["camera"],
-            plausible_s=data["plausible_s"] and (data["plausible_s"][0], data["plausible_s"][1]),
-            instead_of=data["instead_of"] and Reason.from_json(data["instead_of"]),
-            declined=data["declined"] and Reason.from_json(data["declined"]),
-            shown_s=data.get("shown_s"),
-        )

@@ -5,6 +5,7 @@ import json
 import time
 import zipfile
 from pathlib import Path
+from types import ModuleType
 
 import av
 import httpx
@@ -21,10 +22,12 @@ from unshutter.cli.arguments import parse
 from unshutter.cli.clip_command import VIDEO
 from unshutter.errors import UsageError
 from unshutter.options.clip_options import RectifyClip
-from unshutter.page import app, saves
+from unshutter.page import app, clip_jobs, saves
 from unshutter.page.app import application
+from unshutter.page.opened import OpenFile, ProgressFile
 from unshutter.page.settings import Settings, fields, read_clip
 from unshutter.reasons import Code
+from unshutter.video import camera, plan
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 RATIO = {"readout-ratio": "0.6", "focal-px": str(clips.FOCAL)}
@@ -130,6 +133,39 @@ def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) 
     assert list(events(client, saving["id"]))[-1]["done"][0]["rectified"] == 40
     saved = _fetched(client, saving["id"], tmp_path / "saved.mkv")
     assert saved.read_bytes() == (tmp_path / "expected.mkv").read_bytes()
+
+
+def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only options that the plan depends on ask for another; the bytes are the command line's in any case."""
+    film = clips.write(tmp_path / "walk.mkv", clips.moving(40)[1], "ffv1")
+    stored = OpenFile("x", "clip", "walk.mkv", film, 1_000_000)
+    asked: list[str] = []
+
+    def counted(module: ModuleType, name: str) -> None:
+        real = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given: asked.append(name) or real(*given))
+
+    counted(camera, "survey")
+    counted(plan, "gain_of_clip")
+    clip_jobs.readout(stored, RectifyClip())
+    clip_jobs.after(stored, RectifyClip(), 2, 320)
+    judged = ["survey", "gain_of_clip"]
+    for number, (flags, again) in enumerate(
+        (
+            ({}, []),
+            ({"edges": "keep", "zoom-limit": "5", "stabilize": "2"}, []),
+            ({"strength": "0.5"}, ["gain_of_clip"]),
+            ({"strength": "0.5"}, []),
+            ({"end": "1"}, judged),
+        )
+    ):
+        asked.clear()
+        result = tmp_path / f"saved{number}.mkv"
+        clip_jobs.rectified(stored, result, read_clip(flags), ProgressFile(tmp_path / "progress.json"))
+        assert asked == again
+        words = [word for flag, value in flags.items() for word in (f"--{flag}", value)]
+        assert main(["video", str(film), "-o", str(tmp_path / f"expected{number}.mkv"), *words]) == 0
+        assert result.read_bytes() == (tmp_path / f"expected{number}.mkv").read_bytes()
 
 
 def test_a_clip_that_is_closed_while_it_is_saved(client: httpx.Client, long_walk: Path, tmp_path: Path) -> None:

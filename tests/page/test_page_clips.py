@@ -165,28 +165,6 @@ def test_a_search_that_was_cancelled_is_begun_again(page: Page, tmp_path: Path) 
     expect(page.locator("#clip-panel")).to_contain_text("Found: ")
 
 
-def test_how_long_saving_still_takes(page: Page) -> None:
-    """One share from start to end, though the frames are passed over twice after the gyro log."""
-    said = page.evaluate(
-        """async () => {
-            const { pace } = await import("/page/saving.js"), told = pace("frames");
-            let now = 0;
-            performance.now = () => now;
-            const noted = [["gyro", 4, 8], ["looking", 50, 100],
-                ["frames", 0, 100], ["frames", 50, 100], ["frames", 100, 100]];
-            return noted.map(([what, done, total]) => {
-                now += 10000;
-                return told({ what, done, total });
-            });
-        }"""
-    )
-    shares = [each["share"] for each in said]
-    assert shares == sorted(shares) and shares[-1] == 1
-    # the gyro log takes 4 s, each of the two passes 3: in the middle of the second, 8.5 of 10 are done
-    assert abs(shares[-2] - 0.85) < 1e-9
-    assert said[-2]["left"] == "about 5 s left"  # 30 s took it from 1 of 11 to .85
-
-
 def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
     cut = tmp_path / "cut.mp4"
     cut.write_bytes(walk.read_bytes()[: walk.stat().st_size // 2])

@@ -247,7 +247,7 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
     assert calls == [(outcome.readout, outcome.interval_s)]
     assert outcome.ratio.value == pytest.approx(0.6) and outcome.readout.camera == "nemo"
     assert [reason.code for reason in outcome.reasons] == [Code.STOOD_STILL]
-    assert steps[-1][:2] == ("frames", 30) and {what for what, _, _ in steps} == {"looking", "frames"}
+    assert steps[-1][:2] == ("frames", 30) and {what for what, _, _ in steps} == {"looking", "judging", "frames"}
 
 
 def test_a_shot_of_a_few_frames_is_left_alone(tmp_path):

@@ -16,12 +16,14 @@ from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.options.clip_options import RectifyClip, Shutter, Steadiness
 from unshutter.orientation import Readout
+from unshutter.progress import SILENT
 from unshutter.video import lenses
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_facts import look
 from unshutter.video.frame_map import StraightView
 from unshutter.video.lenses import LensProfile, lens_of_clip, lens_of_file, lens_of_tracks, named_lenses, table
 from unshutter.video.survey import Survey
+from unshutter.video.work import Work
 
 K = [0.04, 0.01, -0.006, 0.002]
 
@@ -33,7 +35,7 @@ class _Size:
 
 
 def request_of(readout=Readout.TOP_TO_BOTTOM):
-    return ClipRequest(_Size(), RectifyClip(), readout)  # type: ignore[arg-type]
+    return ClipRequest(_Size(), RectifyClip(), readout, Work(SILENT, 1.0))  # type: ignore[arg-type]
 
 
 def tracks_through(lens, pairs=24, seed=0, turn=0.02):

@@ -216,24 +216,6 @@ def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
     assert out.exists() and (record["rectified"] > 20 or bound["px"] < 0.5), shown
 
 
-def test_what_was_found_earlier_does_not_change_which_frames_are_tracked(tmp_path, monkeypatch):
-    """The page knows the camera when it saves a clip: what undoing gains, and a log, are judged by the same frames."""
-    monkeypatch.setattr(camera.readout, "PART", 7)
-    monkeypatch.setattr(camera.readout, "MOST_PARTS", 4)
-    clip = clips.write(tmp_path / "in.mkv", clips.moving(60, slow(3.0), ratio=0.5)[1], "ffv1")
-    request = ClipRequest.of(look(str(clip)), RectifyClip())
-    found, evidence = find_camera(request)
-    again, same = find_camera(request, found)
-    assert again.readout == found.readout and len(evidence.parts) == 4
-    assert [frame.time_s for frame in same.frames] == [frame.time_s for frame in evidence.frames]
-
-
-def test_a_readout_time_can_be_kept_as_json():
-    usual = ReadoutTime(0.02, 0.0, ReadoutSource.USUAL, "phones", (0.004, 0.036), Reason(Code.STOOD_STILL))
-    for each in (usual, ReadoutTime(0.02, 0.001, ReadoutSource.FRAMES)):
-        assert ReadoutTime.from_json(json.loads(json.dumps(each.as_json()))) == each
-
-
 @pytest.mark.parametrize(("ms", "ratio"), [(20, 0.6), (40, 1.0), (0.1, 0.003)])
 def test_no_frame_takes_longer_than_the_time_to_the_next(ms, ratio):
     assert ReadoutTime.of_ms(ms, ReadoutSource.GIVEN).ratio(0.1 / 3).value == ratio

@@ -14,7 +14,7 @@ from unshutter.errors import UsageError, extra
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyClip
 from unshutter.options.fields import positional
-from unshutter.progress import Bars, ClipObserver, tell
+from unshutter.progress import ClipObserver, ShareBar, tell
 from unshutter.reasons import Code
 from unshutter.run.inputs import PHOTO_SUFFIXES, film_name
 
@@ -73,12 +73,12 @@ def _rectify(arguments: Video) -> ClipOutcome:
     options = arguments.options
     if arguments.output is None and options.may_be_copy:  # next to the clip, nothing is written for one that stays
         options = replace(options, only_changed=True)
-    with Bars() as bars:
+    with ShareBar() as bar:
         clip = Path(arguments.clip)
         output = arguments.output
         if output is None or Path(output).is_dir():
             output = str(Path(output or clip.parent) / film_name(clip))
-        return rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bars, options.encode))
+        return rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bar, options.encode))
 
 
 def _report(outcome: ClipOutcome, preview: Path | None) -> None:
@@ -93,17 +93,20 @@ def _report(outcome: ClipOutcome, preview: Path | None) -> None:
 class _Terminal(ClipObserver):
     """Shows how the work goes on."""
 
-    bars: Bars
+    bar: ShareBar
     encode: Encode
 
     def note_progress(self, what: str, done: int, total: int) -> None:
-        self.bars(what, done, total)
+        self.bar.name(what, done, total)
+
+    def note_share(self, share: float, left_s: float | None) -> None:
+        self.bar.show(share, left_s)
 
     def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
-        self.bars.tell(_line_of(time))
+        self.bar.tell(_line_of(time))
 
     def note_rate(self, before: float, after: float) -> None:
-        self.bars.tell(_rate_line(before, after, self.encode))
+        self.bar.tell(_rate_line(before, after, self.encode))
 
 
 def _line_of(time: ReadoutTime) -> str:

@@ -33,6 +33,7 @@ from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness,
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Bool, Float64
+from unshutter.progress import Count, uncounted
 
 DEGREES = 3.0  # degrees of freedom of Student's t, the model of the tracks' errors
 _FINEST = 0.02  # px; lower limit of the tracks' noise
@@ -187,6 +188,7 @@ class Problem:
     # standard deviation of the skew and stretch that depth adds to a pair, for a px of speed [px] (parallax.py); None:
     # there is none
     depth: float | None = None
+    count: Count = uncounted  # called after each solution, with the number of pairs
     _unit: float = field(init=False)
     # [2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]
     _ends: Float64[np.ndarray, "2 pairs most 2"] = field(init=False)
@@ -315,6 +317,7 @@ class Problem:
         free = len(unknowns) - 2 * _UNKNOWNS  # the prior leaves position and speed free
         bent = stiffness * unknowns @ (self._prior @ unknowns) + _RIDGE * unknowns @ unknowns
         evidence = likelihood - (bent + solution.cost - free * np.log(stiffness) + log_determinant(solution.left)) / 2
+        self.count(len(self.pairs))
         return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
 
     def _solution(self, equations: TurnEquations, weights: np.ndarray, matrix: np.ndarray) -> Solution:

@@ -29,6 +29,7 @@ from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.options import USUAL_FOCAL
+from unshutter.progress import Count, uncounted
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, Reason
 
@@ -57,7 +58,11 @@ _FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
 
 
 def ratio_from_motion(
-    pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None, is_checked: bool = False
+    pairs: Sequence[Tracks],
+    focal_px: float,
+    starts: Sequence[float] | None = None,
+    is_checked: bool = False,
+    count: Count = uncounted,
 ) -> ReadoutRatio:
     """Estimates the readout ratio of a sequence from how smoothly its camera moved.
 
@@ -66,6 +71,7 @@ def ratio_from_motion(
         starts: times of the frames [usual frame intervals], one more than pairs; None if intervals are even.
         is_checked: whether something else contradicts a wrong ratio. Then that of a camera that shakes fast is accepted
             if parts of the sequence agree, which they also do for some cameras without a rolling shutter.
+        count: called after each fit, with its number of pairs.
     """
     taken = range(len(pairs) + 1) if starts is None else starts
     times = [taken[k] for k, pair in enumerate(pairs) if len(pair)]
@@ -78,7 +84,7 @@ def ratio_from_motion(
     for k in range(0, max(len(pairs) - _PART // 2, 1), _PART):
         part = pairs[k : k + _PART]
         since = np.array(times[k : k + _PART + 1]) - np.floor(times[k])
-        parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH if is_checked else None))
+        parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH if is_checked else None, count))
     profiles = [_Profile(part) for part in parts]
     coarse = _curves(profiles, _COARSE)
     best = float(_COARSE[coarse.sum(axis=0).argmax()])
@@ -195,21 +201,23 @@ def usual_focal(pair: Tracks) -> float:
     return USUAL_FOCAL * (pair.width + pair.height) * ROWS / pair.height
 
 
-def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
+def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = uncounted) -> float:
     """Estimates the focal length that best explains the tracks [px of ROWS rows].
 
     The prior decides if the camera rotated too little. Cameras that translate rather than rotate yield a very long
-    focal length, which describes them best.
+    focal length, which describes them best. ``count`` is called after each fit, with its number of pairs.
     """
     unit = usual_focal(pairs[0]) / USUAL_FOCAL
-    near = Problem(pairs, USUAL_FOCAL * unit).fit(ratio)
+    near = Problem(pairs, USUAL_FOCAL * unit, count=count).fit(ratio)
 
     def height(share: float) -> float:
-        fit = Problem(pairs, float(share * unit)).fit(ratio, near.stiffness, near)
+        fit = Problem(pairs, float(share * unit), count=count).fit(ratio, near.stiffness, near)
         return fit.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
 
     best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
-    near = Problem(pairs, float(np.exp(best) * unit)).fit(ratio, near=near)  # the best stiffness may differ there
+    near = Problem(pairs, float(np.exp(best) * unit), count=count).fit(
+        ratio, near=near
+    )  # the best stiffness may differ there
     for step in _FOCAL_STEPS:
         at = best + step * np.array([-1.0, 0.0, 1.0])
         best = _vertex(at, np.array([height(share) for share in np.exp(at)]))

@@ -27,6 +27,7 @@ from unshutter.options import Camera, Clock, Reference, Undo, check_focal
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import Readout
 from unshutter.photo.photo import PhotoLike, open_photo
+from unshutter.progress import Count, uncounted
 from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code, Reason
 
@@ -70,6 +71,7 @@ class CameraMotion:
     lens: Lens | None = None  # the lens, if it bends straight lines; it tells the focal length
     # says why the next frames of a shot are left unchanged, by what was seen of it so far; None: nothing is asked
     check: Callable[[Shot], Reason | None] | None = None
+    count: Count = uncounted  # called after each fit, with its number of pairs of frames
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
     _since_search: int = field(default=0, init=False)  # frames since the stiffness was searched for
@@ -156,8 +158,8 @@ class CameraMotion:
         if not pairs or shot.still:
             return
         try:
-            focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], GUESSED_RATIO)
-            self.ratio = ratio_from_motion(pairs, focal)
+            focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], GUESSED_RATIO, self.count)
+            self.ratio = ratio_from_motion(pairs, focal, count=self.count)
         except UnknownRatioError as error:
             shot.why_unknown = error.reason
 
@@ -184,14 +186,14 @@ class CameraMotion:
             focal = usual_focal(pairs[0])
         if focal is None:
             long_enough = len(pairs) >= _LONG_ENOUGH
-            focal = focal_from_motion(pairs, self.ratio.value)
+            focal = focal_from_motion(pairs, self.ratio.value, self.count)
             self._focal = focal if long_enough else None
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
         if self.turns is not None:
             moments = pairwise(shot.clock_s)
             pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         # two frames alone do not tell skew that depth adds from skew that the readout adds
-        problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None)
+        problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None, self.count)
         likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)), shot.as_now(shot.fitted))
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,11 +13,9 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import ClipUndo, RectifyClip, Steadiness
-from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, kept, put, put_text
+from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, put, put_text, remembered
 from unshutter.page.sentences import reason_json, sentence
-from unshutter.progress import SILENT
-from unshutter.readout_time import ReadoutSource
-from unshutter.reasons import JsonObject, Reason
+from unshutter.reasons import Code, JsonObject, Reason
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,8 +23,11 @@ if TYPE_CHECKING:
 
     from unshutter.motion.shapes import UInt8
     from unshutter.video.camera import ClipCamera
+    from unshutter.video.clip import ClipRequest
     from unshutter.video.clip_facts import ClipFacts
     from unshutter.video.clip_motion import MovingFrame
+    from unshutter.video.plan import Plan
+    from unshutter.video.survey import Survey
 
 MOMENTS = 5  # number of moments of a clip that are shown
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
@@ -78,8 +80,12 @@ def after(
 
 def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
     """Returns the readout time of a clip's camera, its error and its source, and the clip's wobble as JSON."""
+    from unshutter.video.clip import ClipRequest
+
     with _look(open_file) as clip:
-        camera = _camera_of(open_file, clip, options, progress_of(open_file))
+        request = _as_usual(ClipRequest.of(clip, options, progress_of(open_file)))
+        _planned(open_file, request)
+        camera, _, wobble_px = _found_in(open_file, request)
         time = camera.readout
         return {
             "ratio": time.ratio(clip.interval_s).value,
@@ -89,7 +95,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
             "cameras": time.camera,
             "direction": camera.direction or "",  # in which rows were read, if the frames show another than usual
             # wobble that the readout explains, from frame to frame; None if too few frames were looked at
-            "wobble_px": _found_in(open_file, clip, options)["wobble_px"],
+            "wobble_px": wobble_px,
             # range of the typical time, of which no frame takes longer than one; None if the time is known
             "plausible_ms": time.plausible_ms and [min(each, 1000 * clip.interval_s) for each in time.plausible_ms],
             "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time stands in
@@ -112,19 +118,19 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
     from unshutter.video.clip_rectification import rectify_clip_file
 
     progress.note_progress("frames", 0, 0)
-    with _look(open_file, {target: target.name, target.parent: "the folder"}) as clip:
-        camera = _camera_of(open_file, clip, options, progress)
-        record = rectify_clip_file(str(open_file.path), str(target), options, camera, progress).as_json()
+    with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
+        planned = partial(_planned, open_file)
+        record = rectify_clip_file(str(open_file.path), str(target), options, progress, planned).as_json()
     declined = [sentence(Reason.from_json(each)) for each in record["declined"]]
     return {**{name: record[name] for name in ("frames", "rectified", "left_out")}, "declined": declined}
 
 
 @contextmanager
-def _look(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[ClipFacts]:
+def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
     """Looks at the clip; errors in the block refer to files by names that the user recognises."""
     from unshutter.video.clip_facts import look
 
-    with errors_of(open_file, names):
+    with errors_of(open_file):
         yield look(open_file.path)
 
 
@@ -133,49 +139,54 @@ def progress_of(open_file: OpenFile) -> ProgressFile:
     return ProgressFile(open_file.path.with_name("progress.json"))
 
 
-def _camera_of(
-    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> ClipCamera:
-    """Returns what is known of a clip's camera, except for a gyro log: found once, and cached."""
-    from unshutter.video.camera import ClipCamera
-
-    return ClipCamera.from_json(_found_in(open_file, clip, options, progress)["camera"])
-
-
-def _found_in(
-    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> JsonObject:
-    """Returns a clip's camera, its wobble, and why it is left unchanged, as JSON: found once, and cached."""
-    from unshutter.video.camera import find_camera
-    from unshutter.video.clip import ClipRequest
-    from unshutter.video.plan import Leave, Undo, plan_by_all
+def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Survey, float | None]:
+    """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble: found once, and kept."""
+    from unshutter.video.camera import find_camera, parts_to_survey
+    from unshutter.video.clip_gyro import log_of_clip
     from unshutter.video.readout import wobble_in_survey
 
-    def find() -> JsonObject:
-        usual = replace(options, undo=ClipUndo(), steadiness=Steadiness())
-        camera, evidence = find_camera(ClipRequest.of(clip, usual, progress or SILENT))
-        request = camera.complete(ClipRequest.of(clip, usual, progress or SILENT))
-        stated = camera.readout.source is ReadoutSource.GIVEN  # such a clip is straightened in any case
-        plan = Undo() if stated else plan_by_all(request, camera, evidence)
-        return {
-            "camera": camera.as_json(),
-            "wobble_px": wobble_in_survey(evidence, request.frame_size[0]),
-            "left": plan.reason.as_json() if isinstance(plan, Leave) else None,
-        }
+    def find() -> tuple[ClipCamera, Survey, float | None]:
+        camera, evidence = find_camera(request)
+        return camera, evidence, wobble_in_survey(evidence, camera.complete(request).frame_size[0])
 
-    return kept(open_file, "camera", (options.shutter, options.span(clip.duration_s)), find)
+    parts = parts_to_survey(request, log_of_clip(request))
+    return remembered(open_file, "camera", (request.options.shutter, request.span, parts), find)
 
 
-def _why_left(
-    open_file: OpenFile, clip: ClipFacts, options: RectifyClip, progress: ProgressFile | None = None
-) -> Reason | None:
-    """Returns why no frame of a clip is straightened; None if they are."""
+def _planned(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
+    """Returns the request of a clip whose camera is known, the camera, and the plan: made once, and kept."""
+    from unshutter.video.plan import Leave, plan_by_all
+
+    def plan_for(steadiness: Steadiness) -> tuple[ClipCamera, Plan]:
+        camera, evidence, _ = _found_in(open_file, request)
+        options = replace(request.options, steadiness=steadiness)
+        return camera, plan_by_all(camera.complete(replace(request, options=options)), camera, evidence)
+
+    options = request.options
+    undo = (options.undo.reference, options.undo.strength, options.undo.model)
+    key = (options.shutter, request.span, undo)
+    camera, plan = remembered(open_file, "plan", key, lambda: plan_for(Steadiness()))
+    nothing = isinstance(plan, Leave) and plan.reason.code is Code.NOTHING_TO_SEE
+    if nothing and options.steadiness.stabilize is not None:  # which plans otherwise
+        camera, plan = remembered(open_file, "steady", key, lambda: plan_for(options.steadiness))
+    return camera.complete(request), camera, plan
+
+
+def _as_usual(request: ClipRequest) -> ClipRequest:
+    """Returns the request by which a clip is judged before its user has said how to undo its motion."""
+    return replace(request, options=replace(request.options, undo=ClipUndo(), steadiness=Steadiness()))
+
+
+def _shown_plan(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Plan]:
+    """Returns a clip's camera, and the plan by which its moments and films are shown."""
     from unshutter.video.gain import is_tested
+    from unshutter.video.plan import Leave, Undo
 
-    if not is_tested(options):
-        return _camera_of(open_file, clip, options, progress).readout.declined
-    left = _found_in(open_file, clip, options, progress)["left"]
-    return left and Reason.from_json(left)
+    _, camera, plan = _planned(open_file, _as_usual(request))
+    if is_tested(request.options):
+        return camera, plan
+    declined = camera.readout.declined
+    return camera, Undo() if declined is None else Leave(declined)
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
@@ -199,12 +210,15 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     from unshutter.video.camera import ClipCamera, time_without_search
     from unshutter.video.clip import ClipRequest
     from unshutter.video.clip_motion import ROWS, MovingFrame, with_motion
+    from unshutter.video.plan import Leave, Undo
 
     request = ClipRequest.of(clip, options)
-    camera = ClipCamera(time_without_search(request)) if usual else _camera_of(open_file, clip, options)
-    left = None if usual else _why_left(open_file, clip, options)
-    if left is not None:
-        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=left))
+    if usual:
+        camera, plan = ClipCamera(time_without_search(request)), Undo()
+    else:
+        camera, plan = _shown_plan(open_file, request)
+    if isinstance(plan, Leave):
+        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason))
     time = camera.readout
     file = open_file.path.with_name(f"moment-{hash_options(options.shutter, time, time_s, usual)}.json")
     if file.exists():
@@ -236,30 +250,30 @@ def _pairs(
     """Yields small frames around a moment, before and after side by side."""
     import numpy as np
 
-    from unshutter.video.camera import find_camera
     from unshutter.video.clip import ClipRequest
     from unshutter.video.frame_map import FrameMap, warp_plane
     from unshutter.video.frame_warper import Warper
     from unshutter.video.pixels import of_file, upright
-    from unshutter.video.plan import Leave, Undo
-    from unshutter.video.rendering import Rendering, with_steady_views
+    from unshutter.video.plan import Undo
+    from unshutter.video.rendering import Rendering, expected, with_steady_views
+    from unshutter.video.work import Stage
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
-    camera = _camera_of(open_file, clip, options, progress)
     black = [0, 0, 0] if options.undo.edges in ("keep", "crop") else None
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
-    request = camera.complete(ClipRequest.of(clip, part, progress))
-    if options.steadiness.level:
-        camera, _ = find_camera(request, camera)
-    left = _why_left(open_file, clip, options, progress)
-    rendering = Rendering(request, camera, Undo() if left is None else Leave(left))
+    request = ClipRequest.of(clip, options, progress)
+    request.work.expect(expected(replace(request, options=part), Undo()) | {Stage.ENCODE: 0})
+    camera, plan = _shown_plan(open_file, request)
+    request = camera.complete(replace(request, options=part))
+    request.work.expect(dict.fromkeys(Stage, 0) | expected(request, plan) | {Stage.ENCODE: 0})
+    rendering = Rendering(request, camera, plan)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
     warper = Warper(clip, part.undo)
-    frames = round((last - first) / clip.interval_s)
-    for number, moving in enumerate(rendering.moving(clip.frames_between(first, last))):
+    steps = request.steps("film", Stage.DRAW)
+    for moving in rendering.moving(clip.frames_between(first, last)):
         frame = of_file(moving.frame)
         scale = min(_FILM_SIDE / max(frame.height, frame.width), 1.0)
         height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
@@ -268,7 +282,7 @@ def _pairs(
         for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
             warp_plane(before, at, after[rows], black, 255)
         yield np.concatenate([upright(each, frame) for each in (before, after)], axis=1)
-        progress.note_progress("film", min(number + 1, frames), frames)
+        steps.advance()
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:

@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import os
+import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -57,20 +58,30 @@ class ProgressFile(ClipObserver):
 
     file: Path
     _noted_s: float = field(default=-math.inf, init=False)
+    _now: JsonObject = field(default_factory=dict, init=False)
 
     def read(self) -> JsonObject | None:
-        """Returns the latest progress as given to :meth:`note`, or None if the job has not started yet."""
+        """Returns the latest progress as noted, or None if the job has not started yet."""
         try:
             return json.loads(self.file.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return None
 
     def note_progress(self, what: str, done: int, total: int) -> None:
-        """Writes the progress, at most a few times a second; ``total`` is 0 if not known yet."""
-        now = time.monotonic()
-        if now - self._noted_s >= _NOTE_S or done >= total:
-            self._noted_s = now
-            put_text(self.file, json.dumps({"what": what, "done": done, "total": total}))
+        """Notes the step that is under way; ``total`` is 0 if not known yet."""
+        self._note({"what": what, "done": done, "total": total}, done >= total)
+
+    def note_share(self, share: float, left_s: float | None) -> None:
+        """Notes how much of the whole work is done, and how long the rest takes [s]."""
+        self._note({"share": share, "left_s": left_s}, share == 1.0)
+
+    def _note(self, news: JsonObject, at_once: bool) -> None:
+        """Writes what is known now, at most a few times a second."""
+        self._now |= news
+        now_s = time.monotonic()
+        if now_s - self._noted_s >= _NOTE_S or at_once:
+            self._noted_s = now_s
+            put_text(self.file, json.dumps(self._now))
 
 
 def opened(open_file: OpenFile) -> Photo:
@@ -101,6 +112,16 @@ def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable
     if not file.exists():
         put_text(file, json.dumps(make()))
     return json.loads(file.read_text(encoding="utf-8"))
+
+
+def remembered(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], T]) -> T:
+    """Returns what ``make`` returned, of whatever kind; nobody but this program writes into the folder."""
+    file = open_file.path.with_name(f"{what}-{hash_options(*key)}.pickle")
+    if not file.exists():
+        made = make()
+        put(file, lambda part: part.write_bytes(pickle.dumps(made)))
+        return made
+    return pickle.loads(file.read_bytes())
 
 
 @contextmanager

@@ -18,9 +18,8 @@ from unshutter.frames.frame_motion import AT_REST
 from unshutter.motion.lens import Lens
 from unshutter.options import check_focal
 from unshutter.orientation import Readout
-from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
-from unshutter.reasons import Code, JsonObject, Reason
+from unshutter.reasons import Code, Reason
 from unshutter.video import cameras, clip_gyro, gain, lenses, readout
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import ClipGyro, gyro_in_survey
@@ -29,6 +28,7 @@ from unshutter.video.lenses import lens_of_clip
 from unshutter.video.readout import regression_in_survey, time_in_survey
 from unshutter.video.readout_regression import Regression
 from unshutter.video.survey import Survey, survey
+from unshutter.video.work import Stage, Steps
 
 _LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
 _UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
@@ -46,53 +46,38 @@ class ClipCamera:
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
     direction: Readout | None = None  # in which the stored pixels were read, if the frames show another than usual
 
-    def as_json(self) -> JsonObject:
-        """Returns the readout time, the lens and the direction, ready for JSON, as read by :meth:`from_json`."""
-        lens = self.lens and self.lens.as_json()
-        return {"readout": self.readout.as_json(), "lens": lens, "direction": self.direction}
-
-    @classmethod
-    def from_json(cls, data: JsonObject) -> ClipCamera:
-        """Reads the data written by :meth:`as_json`."""
-        lens = data["lens"] and Lens.of_json(data["lens"])
-        direction = data.get("direction") and Readout(data["direction"])
-        return cls(ReadoutTime.from_json(data["readout"]), lens, direction=direction)
-
     def complete(self, request: ClipRequest) -> ClipRequest:
         """Returns the request of a clip of this camera: with its lens, and the direction in which it reads."""
         return replace(request, lens=self.lens, readout=self.direction or request.readout)
 
 
-def find_camera(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipCamera, Survey]:
+def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
     """Returns what the user, a clip's file and its frames tell of its camera, and the frames that were tracked for it.
 
-    Args:
-        found: what was found earlier in the same clip, except for its gyro log. The same frames are tracked with it as
-            without it, so that the clip's plan and the log's alignment are the same, too.
+    Of the options, only the shutter's and the selected part count, whether the horizon is kept level, and whether what
+    undoing the motion gains is tested.
     """
-    if found is not None:
-        request = found.complete(request)
     check_focal(request.options.shutter.focal_px, request.frame_size[0])
     log = clip_gyro.log_of_clip(request)
     if request.options.steadiness.level:
         clip_gyro.check_level(log)
-    parts_s, what = parts_to_survey(request, log, found)
-    steps = None
+    parts_s, what = parts_to_survey(request, log)
     if what == LENS:
         evidence = survey(request, _spread(request, [lenses.PART + 1])[:1])
         evidence = survey(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
     else:
-        goal = GAIN if what == SEARCH and found is not None else what
-        rounds = 2 if goal == SEARCH else 1  # tracking takes half of the time of a search
-        steps = Steps(goal, rounds * _frames_in(request, parts_s), request.observer.note_progress)
+        frames = _frames_in(request, parts_s)
+        judged = min(frames, gain.ALL) if gain.is_tested(request.options) else 0
+        request.work.expect({Stage.SURVEY: frames, Stage.JUDGE: gain.SOLVED * judged})
+        steps = Steps(request.work, what, frames)
         evidence = (_survey_until_sure if what == SEARCH else survey)(request, parts_s, steps)
-    direction = _other_direction(request, evidence) if found is None else None
+    direction = _other_direction(request, evidence)
     if direction is not None:
         shutter = replace(request.options.shutter, readout=direction)
         request = replace(request, options=replace(request.options, shutter=shutter), readout=direction)
         camera, evidence = find_camera(request)
         return replace(camera, direction=direction), evidence
-    camera = camera_from(request, evidence, log, found, steps)
+    camera = camera_from(request, evidence, log)
     return camera, evidence.through(camera.lens)
 
 
@@ -103,6 +88,7 @@ def _survey_until_sure(request: ClipRequest, parts_s: _Parts, steps: Steps) -> S
     first = survey(request, parts_s[1::_SKIPPED], steps)
     shown = regression_in_survey(first)
     if shown is not None and (shown.is_none or shown.is_precise):
+        request.work.expect({Stage.SURVEY: 0})
         return first
     others = [part for k, part in enumerate(parts_s) if k % _SKIPPED != 1]
     return first.with_parts(survey(request, others, steps))
@@ -124,33 +110,29 @@ def camera_from(
     request: ClipRequest,
     evidence: Survey,
     log: GyroLog | ClipGyro | None = None,
-    found: ClipCamera | None = None,
-    steps: Steps | None = None,
 ) -> ClipCamera:
     """Returns what the user, a clip's file and its tracked frames tell of its camera.
 
     Args:
         log: the clip's gyro log, or why it cannot be used; None if there is none.
-        found: what was found earlier in the same clip.
-        steps: counts the parts that are searched for the readout time.
     """
     interval_s = request.clip.interval_s
     stated = request.options.shutter.readout_time(request.clip.interval_s)
-    lens = lens_of_clip(request, evidence) if found is None else found.lens
+    lens = lens_of_clip(request, evidence)
     request = replace(request, lens=lens)
     evidence = evidence.through(lens)
     tag = request.clip.camera.readout if stated is None else None
     gyro = gyro_in_survey(request, evidence, log, stated or tag) if isinstance(log, GyroLog) else log
-    time = stated or (found and found.readout) or (gyro and gyro.readout_time)
+    time = stated or (gyro and gyro.readout_time)
     if time is None:
-        time = _time_of(request, evidence, gyro, steps)
+        time = _time_of(request, evidence, gyro)
     if gyro is not None and gyro.turns is not None:  # the time of the middle row does not change
         alignment = replace(gyro.turns.alignment, ratio=time.ratio(interval_s).value)
         gyro = replace(gyro, turns=replace(gyro.turns, alignment=alignment))
-    return ClipCamera(time, lens, gyro, found and found.direction)
+    return ClipCamera(time, lens, gyro)
 
 
-def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, steps: Steps | None) -> ReadoutTime:
+def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None) -> ReadoutTime:
     """Returns the readout time that a clip's file, its frames or the table of cameras tell, or else the usual one.
 
     The rows of a clip that was stabilised in the camera have moved: only its frames can tell their times.
@@ -172,7 +154,7 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None, step
         reason = Reason(Code.NO_WOBBLE)
         return replace(listed or usual_time(request), instead_of=reason, declined=stabilised or reason)
     try:
-        time = time_in_survey(request, evidence, steps)
+        time = time_in_survey(request, evidence)
         _check_agreement(time.ratio(clip.interval_s), shown)
         return time
     except UnknownRatioError as error:
@@ -233,9 +215,7 @@ def time_without_search(request: ClipRequest) -> ReadoutTime:
 SEARCH, GYRO, GAIN, LENS = "readout time", "gyro", "looking", "lens"  # what parts are for
 
 
-def parts_to_survey(
-    request: ClipRequest, log: GyroLog | ClipGyro | None = None, found: ClipCamera | None = None
-) -> tuple[_Parts, str]:
+def parts_to_survey(request: ClipRequest, log: GyroLog | ClipGyro | None = None) -> tuple[_Parts, str]:
     """Returns begin and end of the parts of a clip that tell its camera and what undoing its motion gains [s]; and what
     they are for, at least: ``SEARCH``, ``GYRO``, ``GAIN`` or ``LENS``.
     """
@@ -255,7 +235,7 @@ def parts_to_survey(
         if _frames_in(request, [request.span]) <= gain.ALL:
             return [(request.options.start, request.options.end)], GAIN
         return _spread(request, [gain.RUN] * gain.RUNS), GAIN
-    if found is None and shutter.lens is None and shutter.focal_px is None:
+    if shutter.lens is None and shutter.focal_px is None:
         return _spread(request, [lenses.FIRST, *[lenses.PART] * lenses.FURTHER]), LENS
     return [], GAIN
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -13,9 +12,10 @@ import numpy as np
 from unshutter.motion.lens import Lens
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import Readout
-from unshutter.progress import SILENT, ClipObserver, Steps
+from unshutter.progress import SILENT, ClipObserver
 from unshutter.video.camera_tags import CameraTags
 from unshutter.video.pixels import Frame, PixelFormat
+from unshutter.video.work import Stage, Steps, Work
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8
@@ -83,13 +83,15 @@ class ClipRequest:
     clip: Clip
     options: RectifyClip
     readout: Readout  # direction in which the stored pixels were read
-    observer: ClipObserver = SILENT  # is told how the work goes on
+    work: Work  # counts what is done
     lens: Lens | None = None  # the camera's lens, if it is known to bend straight lines
 
     @classmethod
     def of(cls, clip: Clip, options: RectifyClip, observer: ClipObserver = SILENT) -> ClipRequest:
         """Returns the request of a clip whose readout direction is that of the options."""
-        return cls(clip, options, Readout.parse(options.shutter.readout), observer)
+        return cls(
+            clip, options, Readout.parse(options.shutter.readout), Work(observer, clip.height * clip.width / 1e6)
+        )
 
     @property
     def frame_size(self) -> tuple[int, int]:
@@ -111,13 +113,15 @@ class ClipRequest:
         """Returns a small grey copy of a frame, as it was read out, with a short side of about ``side`` px."""
         return np.ascontiguousarray(self.readout.turn(self.clip.pixels.grey(frame, side)))
 
-    def steps(self, what: str) -> Steps:
-        """Returns a counter for the frames of the selected part, as many as the file states; at least 2."""
-        start = self.options.start
-        end = self.options.end
-        clip = self.clip
-        frames = clip.frames
-        if start is not None or end is not None or not frames:
-            last = min(end or clip.duration_s, clip.duration_s or math.inf)
-            frames = max(round((last - (start or 0.0)) / clip.interval_s), 2)
-        return Steps(what, frames, self.observer.note_progress)
+    @property
+    def frames(self) -> int:
+        """Number of frames of the selected part, as the file states it; at least 2."""
+        begin, end = self.span
+        selected = self.options.start is not None or self.options.end is not None
+        if self.clip.frames and not selected:
+            return max(self.clip.frames, 2)
+        return max(round((min(end, self.clip.duration_s or end) - begin) / self.clip.interval_s), 2)
+
+    def steps(self, what: str, stage: Stage | None = None) -> Steps:
+        """Returns a counter for the frames of the selected part, and for as many items of a stage."""
+        return Steps(self.work, what, self.frames, stage)

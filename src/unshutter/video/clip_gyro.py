@@ -19,6 +19,7 @@ from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import GUESSED_RATIO
 from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
+from unshutter.progress import Count, uncounted
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.clip import ClipRequest
@@ -26,6 +27,7 @@ from unshutter.video.gpmf import DamagedLogError
 from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns, has_gravity
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
 from unshutter.video.survey import Survey
+from unshutter.video.work import Stage
 
 _PARTS, PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
 _FEWEST = 15  # pairs of frames with usable tracks
@@ -114,7 +116,10 @@ def gyro_in_survey(request: ClipRequest, evidence: Survey, log: GyroLog, known: 
     if len(pairs) < _FEWEST:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
-    synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px)
+    request.work.expect({Stage.SURVEY: 0, Stage.ALIGN: _ROUNDS * len(pairs)})
+    count = request.work.counts(Stage.ALIGN)
+    synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px, count)
+    request.work.expect({Stage.ALIGN: 0})
     reason = synchronisation.reason
     begin_s, end_s = map(float, synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0])))
     if reason is None and not _covers(log, begin_s, end_s):
@@ -219,6 +224,7 @@ _LEAST_PX = 0.1  # px of ROWS rows: smaller turns between frames do not show the
 _NO_SIGNAL = 0.01  # share of the log's turns: less counts as no signal
 _CANDIDATES, _CLOSE, _RIVAL = 3, 0.3, 1.1  # offsets to adjust; their distance, and their largest initial cost ratio
 _BETTER = 0.95  # share of the first one's noise that a rival must not exceed
+_ROUNDS = 20  # of all adjustments of a clip, usually
 _SURE_RATIO, _RATIOS = 0.02, (0.02, 1.03)  # maximum error of an accepted ratio, and the possible range of ratios
 
 
@@ -261,6 +267,7 @@ def synchronised(
     offsets_s: Sequence[tuple[float, float]],
     ratio: float | None = None,
     focal_px: float | None = None,
+    count: Count = uncounted,
 ) -> Synchronisation:
     """Aligns a log with a clip.
 
@@ -269,6 +276,7 @@ def synchronised(
         offsets_s: ranges of possible offsets of the log's clock [s].
         ratio: readout time in frame intervals, if it is known.
         focal_px: focal length [px of ROWS rows], if it is known.
+        count: called for each round of an adjustment, with the number of pairs.
     """
     tracks = pairs[0].tracks
     usual = focal_px or usual_focal(tracks)
@@ -293,7 +301,7 @@ def synchronised(
     for start in starts:
         part = log.between(start.offset_s + ends[0], start.offset_s + ends[1])
         adjustment = Adjustment(part, pairs, usual, focal_known=focal_px is not None, ratio_known=ratio is not None)
-        solved.append((adjustment.solve(start), part))
+        solved.append((adjustment.solve(start, count), part))
     (adjusted, part), *rivals = solved
     for rival, beside in rivals:
         adjusted, part = (rival, beside) if rival.noise_px < _BETTER * adjusted.noise_px else (adjusted, part)

@@ -19,6 +19,7 @@ from unshutter.video.frame_map import View
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.pixels import Frame
 from unshutter.video.scene_check import SceneCheck
+from unshutter.video.work import Stage
 
 ROWS = 65  # of the small pictures to which the motions of clips refer
 GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
@@ -62,8 +63,13 @@ def camera_motion(
     whole_path: bool = False,
     keep_out: int | None = None,
     focal_px: float | None = None,
+    stage: Stage = Stage.FIT,
 ) -> CameraMotion:
-    """Returns what estimates the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`."""
+    """Returns what estimates the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`.
+
+    Args:
+        stage: as what its fits are counted.
+    """
     focal_px = focal_px or (request.focal and request.focal * request.frame_size[0])
     if focal_px is None and turns is not None:
         focal_px = turns.focal_px(request.frame_size[0])
@@ -78,6 +84,7 @@ def camera_motion(
         keep_out=keep_out,
         lens=request.lens,
         check=SceneCheck.of(time, request.clip.interval_s),
+        count=request.work.counts(stage),
     )
 
 
@@ -112,6 +119,7 @@ def with_motion(
     def read() -> Iterator[Frame]:
         for frame in frames:
             waiting.append(frame)
+            request.work.advance(Stage.FOLLOW)
             yield frame
 
     last = None

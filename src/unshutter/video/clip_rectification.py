@@ -31,8 +31,9 @@ from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.motion_file import MotionWriter
 from unshutter.video.outcome import ClipOutcome, Tally
 from unshutter.video.pixels import of_file
-from unshutter.video.plan import NO_FRAMES, Leave, make_plan
-from unshutter.video.rendering import Rendering, straight_view, watched, with_steady_views
+from unshutter.video.plan import NO_FRAMES, Leave, Plan, Undo, make_plan
+from unshutter.video.rendering import Rendering, expected, straight_view, watched, with_steady_views
+from unshutter.video.work import Stage
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -42,20 +43,23 @@ def rectify_clip_file(
     source: str,
     output: str,
     options: RectifyClip,
-    found: ClipCamera | None = None,
     observer: ClipObserver = SILENT,
+    planned: Callable[[ClipRequest], tuple[ClipRequest, ClipCamera, Plan]] = make_plan,
 ) -> ClipOutcome:
     """Writes a clip without its rolling-shutter distortion. Prints nothing.
 
     Args:
-        found: what is known of the camera from an earlier look; its readout time is ignored if the options state it.
         observer: receives the progress of the work.
+        planned: makes the plan, or knows the one that was made before.
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
     clip = look(path, options.max_pixels, until_s=options.end)
     _check_clip(clip, options)
     film = _Output.of(clip, options, target)
-    request, camera, plan = make_plan(ClipRequest.of(clip, options, observer), found)
+    request = ClipRequest.of(clip, options, observer)
+    request.work.expect(expected(request, Undo()))
+    request, camera, plan = planned(request)
+    request.work.expect(dict.fromkeys(Stage, 0) | expected(request, plan))
     rendering = Rendering(request, camera, plan, straight=straight_view(request) if options.straight_lines else None)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
@@ -95,6 +99,7 @@ def rectify_clip_file(
         film_file.write_preview(options.preview, clip, str(target), options.start, outcome.frames, options.overwrite)
     if options.plot is not None:
         outcome.plot(options.plot, options.overwrite)
+    request.work.finish()
     if log is not None:
         log.add("clip", **outcome.as_json())
     return outcome
@@ -183,6 +188,7 @@ def _copy(rendering: Rendering, film: _Output, plan: Leave) -> _Written:
     """Copies a clip in which nothing changes, unless the user wants no output then; but damage is not copied."""
     request = rendering.request
     options = rendering.request.options
+    request.work.expect(dict.fromkeys(Stage, 0))
     tally = Tally()
     tally.frames = sum(1 for _ in watched(rendering)) if plan.frames is None else plan.frames
     tally.reasons[plan.reason] = tally.frames
@@ -221,7 +227,7 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
         container = stack.enter_context(writing(frames_file or part, film.kind, clip.ticks))
         ending, start_s = (None, 0.0) if film.into_copy else (film.kind, start_of(clip, film.kind))
         start_s = start_s if options.start is None else max(start_s, options.start)
-        writer = FilmWriter(container, source, clip, film.encoder, ending, warper.size, start_s, request.observer)
+        writer = FilmWriter(container, source, clip, film.encoder, ending, warper.size, start_s, request.work)
         decoded = clip.decode(source, options.start, options.end, None if film.into_copy else writer.waiting)
         frames = stack.enter_context(closing(rendering.rectified(warper, decoded)))
         _write_frames(request, frames, tally, motions, writer)
@@ -251,7 +257,7 @@ def _write_frames(
     request: ClipRequest, frames: Iterable[NewFrame], tally: Tally, motions: MotionWriter | None, writer: FilmWriter
 ) -> None:
     """Writes the frames to the film, and their motion; counts each."""
-    steps = request.steps("frames")
+    steps = request.steps("frames", Stage.DRAW)
     for frame in frames:
         tally.add(frame.source)
         if motions is not None:

@@ -23,12 +23,13 @@ from unshutter.frames.pyav import FILM_FORMATS, av
 from unshutter.options.clip_options import Encode
 from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
-from unshutter.progress import SILENT, ClipObserver
+from unshutter.progress import ClipObserver
 from unshutter.storage.files import written_whole
 from unshutter.video.clip_facts import ClipFacts, look
 from unshutter.video.containers import COVER, FilmFile, opened, time_of
 from unshutter.video.encoders import REDUCED, Encoder, others_for
 from unshutter.video.pixels import upright
+from unshutter.video.work import Stage, Work
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
@@ -59,7 +60,8 @@ class FilmWriter:
         ending: file ending of the film, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
         start_s: time in the input that becomes 0 in the new film [s].
-        observer: receives the bit rates of the clip and of the new film, once and early, if they differ considerably.
+        work: counts encoded frames; its observer receives the bit rates of the clip and of the new film if they differ
+            considerably, once and early.
     """
 
     def __init__(
@@ -70,8 +72,8 @@ class FilmWriter:
         encoder: Encoder,
         ending: str | None,
         size: tuple[int, int],
-        start_s: float = 0.0,
-        observer: ClipObserver = SILENT,
+        start_s: float,
+        work: Work,
     ):
         self._container = container
         self._pixel_format = encoder.pixel_format
@@ -97,7 +99,8 @@ class FilmWriter:
         self._clip = clip
         self._bytes = 0
         self._packets = 0
-        self._observer: ClipObserver | None = observer  # None once it was told
+        self._work = work
+        self._observer: ClipObserver | None = work.observer  # None once it was told
         self._last = -(1 << 62)  # time of the previous frame [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
@@ -160,15 +163,17 @@ class FilmWriter:
     def end(self) -> None:
         """Completes the file after the last frame."""
         self._add_packets(math.inf)
-        self._put(lambda: self._add_encoded(self._stream.encode(None)))
+        self._put(lambda: self._add_encoded(self._stream.codec_context.encode_lazy(None)))
         self._put(self._container.close)
 
-    def _add_encoded(self, encoded: list[Packet]) -> None:
+    def _add_encoded(self, encoded: Iterable[Packet]) -> None:
         """Writes the next packets of the film; compares its bit rate with the clip's once it can be predicted."""
         for packet in encoded:
+            packet.stream = self._stream
             self._bytes = self._bytes + packet.size
             self._packets = self._packets + 1
-        self._container.mux(encoded)
+            self._container.mux(packet)
+            self._work.advance(Stage.ENCODE)
         seconds = self._packets * self._clip.interval_s
         if self._observer is None or seconds < _TELLING_S or not self._clip.coding.bits_per_s:
             return

@@ -21,6 +21,7 @@ from unshutter.orientation import Readout
 from unshutter.video.clip import Clip, ClipRequest
 from unshutter.video.clip_motion import MovingFrame
 from unshutter.video.frame_map import FrameMap
+from unshutter.video.work import Stage
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt, UInt8
@@ -83,6 +84,7 @@ def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) ->
         if current is not None:
             current.connect(request.clip, following, ratio)
             yield current.with_neighbours(before, following, timing, request.readout)
+            request.work.advance(Stage.LINK)
         before, current = current, following
     if current is not None:
         yield current.with_neighbours(before, None, timing, request.readout)

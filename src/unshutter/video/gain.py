@@ -13,7 +13,7 @@ steps must not grow, and none may appear where there were none.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,6 +33,7 @@ from unshutter.video.frame_map import undone_part
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.readout_regression import PairMotion, fit_robustly
 from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
+from unshutter.video.work import Stage, Steps
 
 _KEPT_OUT = 4  # every fourth track
 RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
@@ -50,6 +51,7 @@ _FEWEST_STEPS = 15  # pairs of frames, below which their steps say nothing
 _MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
 _FOLLOWS = 0.5  # least correlation of the lean with the speed
 _MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
+SOLVED = 11  # how often a pair of frames is part of a fit, usually
 _LARGE = 95  # percentile of the steps
 
 
@@ -246,19 +248,24 @@ def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | Non
 
 
 def _examined(
-    request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, parts: Iterable[Sequence[TrackedFrame]]
+    request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, parts: Sequence[Sequence[TrackedFrame]]
 ) -> Gain:
     """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
     gain = Gain()
     focal_px = None
+    frames = sum(map(len, parts))
+    request.work.expect({Stage.SURVEY: 0, Stage.JUDGE: SOLVED * frames})
+    steps = Steps(request.work, "judging", frames)
     for part in parts:
         before = None
-        finder = camera_motion(request, time, turns, whole_path=True, keep_out=_KEPT_OUT, focal_px=focal_px)
+        finder = camera_motion(request, time, turns, True, _KEPT_OUT, focal_px, Stage.JUDGE)
         for motion in finder.motions(tracked_copies(request, part)):
             gain.add(before, motion, request.options.undo)
             before = motion
+            steps.advance()
             if motion.fit is not None:
                 focal_px = motion.fit.focal_px * motion.height / ROWS
+    request.work.expect({Stage.JUDGE: 0})
     return gain
 
 

@@ -26,6 +26,7 @@ from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
+from unshutter.progress import Count, uncounted
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair
 
 _HALF = ROWS / 2
@@ -129,8 +130,12 @@ class Adjustment:
 
     # ---- solution --------------------------------------------------------------------------------------
 
-    def solve(self, start: Alignment) -> Adjusted:
-        """Finds the alignment that best predicts the tracks."""
+    def solve(self, start: Alignment, count: Count = uncounted) -> Adjusted:
+        """Finds the alignment that best predicts the tracks.
+
+        Args:
+            count: called after each round, with the number of pairs.
+        """
         priors = np.array(_PRIORS)
         priors[[_FOCAL, _RATIO]] *= [not self.focal_known, not self.ratio_known]
         free = np.flatnonzero(priors)
@@ -145,6 +150,7 @@ class Adjustment:
         for _ in range(_ROUNDS):
             off = self.residuals(changed(start, change))
             slopes = [(off - self.residuals(changed(start, change + step))) / step.sum() for step in _STEPS[free]]
+            count(len(self.pairs))
             slopes = np.concatenate([np.stack(slopes, axis=-1), self.steady], axis=-1)
             weights, noise = self._weights(off - self._along(common) - self.steady @ steady, noise)
             weighted = (self.shares * weights[..., None]).transpose(0, 2, 1)

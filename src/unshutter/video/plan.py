@@ -14,6 +14,7 @@ from unshutter.video.gain import gain_of_clip, is_tested
 from unshutter.video.motion_file import ClipMotion, load_clip_motion
 from unshutter.video.readout import too_little_to_see
 from unshutter.video.survey import Survey, survey
+from unshutter.video.work import Stage
 
 NO_FRAMES = "{clip} has no frames in this part"
 
@@ -36,21 +37,17 @@ class Leave:
 Plan: TypeAlias = Undo | Leave
 
 
-def make_plan(request: ClipRequest, found: ClipCamera | None = None) -> tuple[ClipRequest, ClipCamera, Plan]:
-    """Returns the plan for a clip with what is known of its camera, and the request of a clip of that camera.
-
-    Args:
-        found: what was found earlier in the same clip.
-    """
+def make_plan(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
+    """Returns the plan for a clip with what is known of its camera, and the request of a clip of that camera."""
     if request.options.motion is not None:
         return _plan_of_file(request)
-    camera, evidence = find_camera(request, found)
+    camera, evidence = find_camera(request)
     request = camera.complete(request)
     plan = plan_by_all(request, camera, evidence)
     by_frames = camera.readout.declined is None
     is_used = by_frames and (isinstance(plan, Undo) or plan.reason.code is not Code.NOTHING_TO_SEE)
-    if found is None and camera.readout.source is not ReadoutSource.GIVEN and is_used:
-        request.observer.note_readout(camera.readout, request.clip.interval_s)
+    if camera.readout.source is not ReadoutSource.GIVEN and is_used:
+        request.work.observer.note_readout(camera.readout, request.clip.interval_s)
     return request, camera, plan
 
 
@@ -60,6 +57,7 @@ def plan_by_all(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> P
     if isinstance(plan, Undo) or camera.readout.declined is not None or evidence.is_whole:
         return plan
     span_s = request.options.start, request.options.end
+    request.work.expect({Stage.SURVEY: request.frames})
     return plan_from(request, camera, survey(request, [span_s], request.steps("looking")).through(camera.lens))
 
 

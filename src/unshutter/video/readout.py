@@ -16,12 +16,12 @@ from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import focal_from_motion, is_copy, ratio_from_motion
 from unshutter.frames.tracks import GUESSED_RATIO, Tracks
 from unshutter.motion.verdict import LEAST_PX
-from unshutter.progress import Steps
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.readout_regression import Regression, Run, regression, runs_of
 from unshutter.video.survey import Survey, TrackedFrame
+from unshutter.video.work import Stage
 
 PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
 MOST_PARTS = 12  # of a clip
@@ -30,6 +30,7 @@ _AGREE = 0.6  # least share of the parts' weight that agrees
 _FAST_SHARE = 95  # percentile of the background corners' speed that is used
 _LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more, there is no bound
 _ROUNDING_PX = 0.05
+_SOLVED = 55  # how often a pair of frames is part of a fit, usually
 
 
 def regression_in_survey(evidence: Survey) -> Regression | None:
@@ -62,27 +63,23 @@ def runs_in_survey(evidence: Survey) -> list[Run]:
     return runs
 
 
-def time_in_survey(request: ClipRequest, evidence: Survey, steps: Steps | None = None) -> ReadoutTime:
-    """Searches for the readout time of a clip's camera in tracked frames; raises UnknownRatioError if they do not tell.
-
-    Args:
-        steps: counts the frames of each part as its time is estimated.
-    """
+def time_in_survey(request: ClipRequest, evidence: Survey) -> ReadoutTime:
+    """Finds the readout time of a clip's camera in tracked frames; raises UnknownRatioError if they do not tell."""
     ratios: list[ReadoutRatio] = []
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
-    for part in _parts(evidence):
-        run = _longest_run(part)
+    runs = [_longest_run(part) for part in _parts(evidence)]
+    count = request.work.counts(Stage.SEARCH)
+    request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: _SOLVED * sum(len(run.pairs) for run in runs)})
+    for run in runs:
         if len(run.pairs) >= _FEWEST:
             focal = request.focal and request.focal * ROWS
             try:
-                focal = focal or focal_from_motion(run.pairs[: PART // 2], GUESSED_RATIO)
-                ratios.append(
-                    ratio_from_motion(run.pairs, focal, run.starts if run.is_uneven else None, is_checked=True)
-                )
+                focal = focal or focal_from_motion(run.pairs[: PART // 2], GUESSED_RATIO, count)
+                starts = run.starts if run.is_uneven else None
+                ratios.append(ratio_from_motion(run.pairs, focal, starts, is_checked=True, count=count))
             except UnknownRatioError as error:
                 unknown = error
-        if steps is not None:
-            steps.advance(min(len(part), PART))
+    request.work.expect({Stage.SEARCH: 0})
     if not ratios:
         raise unknown.of_clip()
     return agreed(ratios).seconds(request.clip.interval_s)

@@ -28,6 +28,7 @@ from unshutter.video.frame_warper import NewFrame, Warper, side_by_side
 from unshutter.video.gyro_fit import up_directions
 from unshutter.video.plan import Leave, Plan, Undo
 from unshutter.video.stabilisation import CameraPath, Stabilisation, stabilised
+from unshutter.video.work import Stage
 
 if TYPE_CHECKING:
     from unshutter.video.pixels import Frame
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 _DECODED_AHEAD = 2  # frames, if they are small
 _LINKED_AHEAD = 1  # frames, all held in memory
 _MOVING_AHEAD = 8  # frames, if they are small
+_SOLVED = 9  # how often a pair of frames is part of a fit, usually
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Rendering:
         unchanged = Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason) if isinstance(plan, Leave) else None
         with closing(frames):
             for number, frame in enumerate(frames):
+                self.request.work.advance(Stage.READ)
                 if self.stabilisation is not None:
                     path = self.stabilisation.path
                     view = self.stabilisation.view(number)
@@ -92,6 +95,20 @@ class Rendering:
             ratio = self.camera.readout.ratio(request.clip.interval_s)
             moving = ahead(linked(request, moving, ratio.value), _LINKED_AHEAD)
         return side_by_side(warper, moving, thread_count())
+
+
+def expected(request: ClipRequest, plan: Plan) -> dict[Stage, int]:
+    """Returns how many items of its stages it takes to write a clip's frames as planned."""
+    options = request.options
+    frames = request.frames
+    is_steady = options.steadiness.stabilize is not None
+    passes = 1 + is_steady + (options.undo.edges == "crop")
+    is_known = plan.motion is not None if isinstance(plan, Undo) else not is_steady
+    searches = 0 if is_known else 1 if is_steady else passes
+    is_linked = options.undo.model == "dense" and isinstance(plan, Undo)
+    each = {Stage.FOLLOW: searches, Stage.FIT: _SOLVED * searches, Stage.READ: passes - searches}
+    each |= {Stage.LINK: is_linked, Stage.DRAW: 1, Stage.ENCODE: 1}
+    return {stage: frames * many for stage, many in each.items()}
 
 
 # ---- views --------------------------------------------------------------------------------------------------------

@@ -15,10 +15,10 @@ import numpy as np
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
-from unshutter.progress import Steps
 from unshutter.video.ahead import ahead
 from unshutter.video.clip import ClipRequest
 from unshutter.video.readout_regression import PairMotion
+from unshutter.video.work import Stage, Steps
 
 _AHEAD = 3  # frames
 
@@ -114,6 +114,7 @@ def survey(
                 since = request.clip.since(before, frame)
                 tracked = TrackedFrame(tracked.time_s, since, follow(grey_before, grey), plane_before)
             part.append(tracked)
+            request.work.advance(Stage.SURVEY)
             before = frame
             grey_before = grey
             plane_before = tracked.background

@@ -6,7 +6,7 @@ import { factsIn, Refused } from "./api.js";
 import { ofGroups } from "./form.js";
 import { Opened } from "./opened.js";
 import { films } from "./options.js";
-import { pace } from "./saving.js";
+import { doing } from "./saving.js";
 import { words } from "./words.js";
 
 const SMALL = 320;
@@ -69,7 +69,7 @@ export class Clip extends Opened {
       if (this.#cancelled) throw new Refused(0, words.stopped);
       if (!this.readout) {
         if (!later) await fetch("after", { usual: "1" }).catch(unlessRefused); // the search says what is wrong
-        this.#search ??= this.#followed("readout time", async () => (await this.#ask("readout")).json());
+        this.#search ??= this.#followed(async () => (await this.#ask("readout")).json());
         this.readout = await this.#search;
       }
       await fetch("after");
@@ -86,12 +86,11 @@ export class Clip extends Opened {
 
   /**
    * The answer to a question that takes long; until it comes, looks how far it is.
-   * @template T @param {"readout time" | "film"} goal @param {() => Promise<T>} asked
+   * @template T @param {() => Promise<T>} asked
    */
-  async #followed(goal, asked) {
-    const tell = pace(goal);
+  async #followed(asked) {
     const look = async () => {
-      this.doing = tell(await (await this.#ask("progress")).json());
+      this.doing = doing(await (await this.#ask("progress")).json());
       this.tell();
     };
     this.doing = NOTHING;
@@ -141,9 +140,7 @@ export class Clip extends Opened {
     this.filming = true;
     this.tell();
     try {
-      const film = await this.#followed("film", async () =>
-        (await this.#ask("film", { moment: String(moment) })).blob(),
-      );
+      const film = await this.#followed(async () => (await this.#ask("film", { moment: String(moment) })).blob());
       if (wishes === this.wishes && moment === this.moment) this.film = film;
     } finally {
       this.filming = false;

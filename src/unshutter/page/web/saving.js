@@ -83,7 +83,6 @@ async function saveMany(items, to, notice, onlyChanged = false) {
       ask(`/api/saves/${begun.id}`, { method: "DELETE" });
     };
     by("saving").hidden = false;
-    const show = watch();
     for await (const now of events(`/api/saves/${begun.id}/events`)) show((saving = /** @type {Saving} */ (now)));
     if (stopped) saving.state = "cancelled"; // even if it was just finished: its files are gone
     await ended(saving, notice);
@@ -98,61 +97,22 @@ async function saveMany(items, to, notice, onlyChanged = false) {
   }
 }
 
-/** Stages of work on a clip -> seconds a step, and how many steps are usual before they are counted. */
-const STEPS = {
-  gyro: [0.5, 12],
-  "readout time": [0.01, 500],
-  looking: [0.03, 300],
-  film: [0.02, 240],
-  frames: [0.03, 300],
-};
+/** How much of the work on a clip is done, and how long the rest takes. @param {Progress | null} now @returns {Doing} */
+export const doing = (now) => ({ share: now?.share ?? 0, left: now?.left_s ? words.left(now.left_s) : "" });
 
-/**
- * Says of what the program notes how much of the work on a clip is done, and how long the rest takes: one share from
- * start to end, which never falls, though the stages are many.
- * @param {keyof typeof STEPS} goal the last of them @returns {(now: Partial<Progress> | null) => Doing}
- */
-export function pace(goal) {
-  let [share, past] = [0, 0];
-  /** @type {{ what: keyof typeof STEPS, done: number, total: number } | null} */
-  let last = null;
-  /** @type {{ at: number, share: number } | null} */
-  let began = null;
-  const cost = (/** @type {keyof typeof STEPS} */ what, total = STEPS[what][1]) => STEPS[what][0] * total;
-  return (now) => {
-    if (!now?.what || !(now.what in STEPS) || !now.total) return { share, left: "" };
-    const { done = 0, total } = now;
-    const what = /** @type {keyof typeof STEPS} */ (now.what);
-    if (last && (last.what !== what || done < last.done)) past += cost(last.what, last.total);
-    last = { what, done, total };
-    const own = cost(what, total);
-    const after = what === "looking" ? own : cost(goal) + (goal === "frames" ? cost("looking") : 0);
-    const coming = what === goal ? 0 : after;
-    share = Math.max(share, (past + own * Math.min(done / total, 1)) / (past + own + coming));
-    const at = performance.now() / 1000;
-    began ??= { at, share };
-    const [elapsed, gained] = [at - began.at, share - began.share];
-    return { share, left: elapsed > 2 && gained > 0.02 ? words.left((elapsed * (1 - share)) / gained) : "" };
-  };
-}
-
-/** Shows how many are done, of a clip at work how many frames, and how long that still takes. */
-function watch() {
-  let [files, own] = [0, pace("frames")];
-  return (/** @type {Saving} */ { done, total, now }) => {
-    if (done.length !== files) [files, own] = [done.length, pace("frames")];
-    const { share, left } = own(now);
-    const many = total > 1 || !now ? words.saving(files, total) : "";
-    by("saving-words").textContent = [many, now ? making(now) : "", left].filter(Boolean).join(" · ");
-    if (files + share) bar().value = (files + share) / total;
-    else bar().removeAttribute("value"); // nobody knows yet
-  };
+/** Shows how many are done, of a clip at work how many frames, and how long that still takes. @param {Saving} saving */
+function show({ done, total, now }) {
+  const { share, left } = doing(now);
+  const many = total > 1 || !now ? words.saving(done.length, total) : "";
+  by("saving-words").textContent = [many, now ? making(now) : "", left].filter(Boolean).join(" · ");
+  if (done.length + share) bar().value = (done.length + share) / total;
+  else bar().removeAttribute("value"); // nobody knows yet
 }
 
 /** @param {NonNullable<Saving["now"]>} now */
 function making(now) {
-  const doing = /** @type {Record<string, string>} */ (words.makingOf)[now.what];
-  return words.error(now.name, words.making(now, doing));
+  const stage = /** @type {Record<string, string>} */ (words.makingOf)[now.what];
+  return words.error(now.name, words.making(now, stage));
 }
 
 /** @param {Saving} saving @param {Notice} notice */

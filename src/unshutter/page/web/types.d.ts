@@ -115,14 +115,20 @@ export interface ReadoutTime {
   left: boolean;
 }
 
-export type Progress = { what: string; done: number; total: number };
+export interface Progress {
+  what?: string;
+  done?: number;
+  total?: number;
+  share?: number; // of the whole work; it never falls
+  left_s?: number | null; // null: not known yet
+}
 
 export interface Saving {
   id: string;
   to: "file" | "zip";
   state: "working" | "finished" | "cancelled" | "failed";
   total: number;
-  now: ({ name: string } & Partial<Progress> & { what: string }) | null;
+  now: (Progress & { name: string; what: string }) | null;
   done: Saved[];
   error?: string;
 }

@@ -380,6 +380,7 @@ export const words = {
     looking: "looking at all frames first",
     "readout time": "finding the readout time",
     gyro: "reading the gyro log",
+    judging: "checking what straightening gains",
   },
   making: ({ what, done, total }, doing) => {
     if (what === "waiting") return "waiting…";

@@ -1,0 +1,89 @@
+"""The progress of a clip: one share from start to end, and how long the rest takes."""
+
+import time
+
+import pytest
+
+from support import clips
+from support.covering import thorough
+from unshutter.options.clip_options import ClipUndo, RectifyClip, Shutter, Steadiness
+from unshutter.progress import ClipObserver
+from unshutter.video import work
+from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.work import Stage, Work
+
+
+class _Notes(ClipObserver):
+    """What was noted, and the processor's time at each note: however busy the machine is, that is the work's own."""
+
+    def __init__(self):
+        self.shares: list[float] = []
+        self.left_s: list[float | None] = []
+        self.at_s = [time.process_time()]
+
+    def note_share(self, share, left_s):
+        self.shares.append(share)
+        self.left_s.append(left_s)
+        self.at_s.append(time.process_time())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        RectifyClip(steadiness=Steadiness(stabilize=2.0)),
+        thorough(RectifyClip()),
+        thorough(RectifyClip(undo=ClipUndo(edges="crop"))),
+        thorough(RectifyClip(Shutter(readout_ratio=0.6), ClipUndo(model="dense"))),
+    ],
+)
+def test_the_bar_never_falls_and_never_stands_still(tmp_path, options):
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(60)[1], "ffv1", "gray")
+    notes = _Notes()
+    rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), options, notes)
+    notes.at_s.append(time.process_time())
+    assert notes.shares == sorted(notes.shares) and notes.shares[0] < 0.02 and notes.shares[-1] == 1.0
+    assert len(set(notes.shares)) > 150
+    assert max(later - earlier for earlier, later in zip(notes.at_s, notes.at_s[1:], strict=False)) < 2.0
+
+
+def _worked(monkeypatch, expected, done, pace=1.0, closing=1e-9):
+    """The shares and the times that are left as stages are done, at a pace."""
+    clock = [0.0]
+    monkeypatch.setattr(work.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(work, "_COSTS_S", dict.fromkeys(Stage, (1.0, 0.0)))
+    monkeypatch.setattr(work, "_CLOSING_S", closing)
+    notes = _Notes()
+    counted = Work(notes, 1.0)
+    counted.expect(expected)
+    for stage in done:
+        clock[0] += pace
+        counted.advance(stage)
+    return notes
+
+
+def test_each_stage_takes_its_part(monkeypatch):
+    stages = [Stage.SURVEY] * 4 + [Stage.DRAW] * 6
+    notes = _worked(monkeypatch, {Stage.SURVEY: 4, Stage.DRAW: 6}, stages, pace=3.0)
+    assert notes.shares == pytest.approx([k / 10 for k in range(1, 11)])
+    assert [left or 0.0 for left in notes.left_s] == pytest.approx([3.0 * k for k in reversed(range(10))], abs=1e-6)
+
+
+def test_what_nobody_expected_takes_its_part_too(monkeypatch):
+    """Neither an unexpected stage nor one that is longer than the file states lets the bar stand still."""
+    stages = [Stage.SURVEY] * 4 + [Stage.SEARCH] * 5 + [Stage.DRAW] * 30
+    notes = _worked(monkeypatch, {Stage.SURVEY: 4, Stage.DRAW: 6}, stages, closing=0.5)
+    assert all(earlier < later for earlier, later in zip(notes.shares, notes.shares[1:], strict=False))
+    assert notes.shares[3] == pytest.approx(4 / 10.5) and notes.shares[-1] < 1
+    assert max(left for left in notes.left_s if left is not None) <= 10
+
+
+def test_a_stage_that_is_left_out_shortens_the_rest(monkeypatch):
+    notes = _worked(monkeypatch, {Stage.SURVEY: 4, Stage.JUDGE: 0, Stage.DRAW: 4}, [Stage.SURVEY] * 2)
+    counted = Work(notes, 1.0)
+    counted.expect({Stage.SURVEY: 2, Stage.DRAW: 6})
+    counted.advance(Stage.SURVEY)
+    counted.expect({Stage.SURVEY: 0})
+    counted.advance(Stage.DRAW)
+    assert notes.shares[-1] == pytest.approx(1 / 8 + 7 / 8 / 6)
+    counted.finish()
+    assert notes.shares[-1] == 1.0
