@@ -9,7 +9,7 @@ from playwright.sync_api import Page, Route, expect
 import unshutter
 from support import clips
 from support.browser import drop, wait_for
-from support.page_server import Server, becomes
+from support.page_server import Server, becomes, run_command
 from unshutter import errors
 
 GREYS = clips.moving(24)[1]
@@ -262,8 +262,8 @@ def test_what_a_moment_does_not_show_is_said_where_it_is_set(page: Page, stroll:
     stabilized = page.get_by_text("“Play before and after” shows it; single moments do not.")
     dense = page.get_by_text("Only in the saved clip do near")
     expect(stabilized).to_be_hidden()
-    page.get_by_label("Stabilize").fill("2")
-    page.get_by_label("Stabilize").press("Enter")
+    expect(page.locator("#clip-option-zoom-limit")).to_be_disabled()  # which needs it
+    page.get_by_label("Steady the camera").check()
     expect(stabilized).to_be_visible()
     page.locator("#clip-option-model").select_option("dense")
     expect(dense).to_be_visible()
@@ -276,3 +276,36 @@ def test_a_saved_clip_is_marked(page: Page, stroll: Path) -> None:
     with page.expect_download(timeout=FOUND_MS):
         page.get_by_role("button", name="Save this clip").click()
     expect(page.locator(".thumbnail .state")).to_have_text("saved")
+
+
+def test_a_steadied_clip_is_the_one_of_the_command_line(page: Page, tmp_path: Path) -> None:
+    film = clips.write(tmp_path / "walk.mkv", GREYS[:14], "ffv1")
+    drop(page, film)
+    _give_readout(page)
+    wait_for(page, "done")
+    page.get_by_label("Steady the camera").check()
+    strengths = page.get_by_label("How steady")
+    expect(strengths).to_have_value("2")
+    assert strengths.locator("option").evaluate_all("nodes => nodes.map(node => node.value)") == ["1", "2", "4"]
+    strengths.select_option("4")
+    wait_for(page, "done")
+    save = page.get_by_role("button", name="Save this clip")
+    place = save.bounding_box()
+    with page.expect_download(timeout=FOUND_MS) as download:
+        save.click()
+    expect(page.locator(".thumbnail .state")).to_have_text("saved")
+    assert save.bounding_box() == place
+    by_command = tmp_path / "steady.mkv"
+    run_command("video", film, "-o", by_command, "--readout-ms", "20", "--stabilize", "4")
+    assert download.value.path().read_bytes() == by_command.read_bytes()
+
+
+def test_leaving_asks_only_for_a_clip_that_was_worked_on(page: Page, walk: Path) -> None:
+    leaves = "() => dispatchEvent(new Event('beforeunload', { cancelable: true }))"
+    drop(page, walk)
+    wait_for(page, "done", timeout=FOUND_MS)
+    assert page.evaluate(leaves)  # it was only looked at
+    page.get_by_label("Steady the camera").check()
+    assert not page.evaluate(leaves)
+    page.get_by_label("Steady the camera").uncheck()
+    assert page.evaluate(leaves)

@@ -227,6 +227,8 @@ def _schema(option: Option) -> JsonObject:
         schema["enum"] = list(option.choices)
     if option.default is not None:
         schema["default"] = option.default
+    if "bare" in option.more:
+        schema["bare"] = option.more["bare"]
     if option.limits is not None:
         schema["minimum"], schema["maximum"] = option.limits
     return schema

@@ -7,6 +7,7 @@ import { ofGroups } from "./form.js";
 import { Opened } from "./opened.js";
 import { films } from "./options.js";
 import { doing } from "./saving.js";
+import { WRONG } from "./states.js";
 import { words } from "./words.js";
 
 const SMALL = 320;
@@ -175,6 +176,11 @@ export class Clip extends Opened {
     if (!PART.includes(name)) return;
     this.smalls = []; // the moments are others now
     this.#clear();
+  }
+
+  /** Whether a person asked for anything that has not been saved. */
+  get unsaved() {
+    return !WRONG.includes(this.state) && !this.kept && Object.keys(this.options).length > 0;
   }
 
   /** All as it was when it came. */

@@ -28,18 +28,19 @@ export class ClipControls extends Panel {
     this.state = "";
     this.unit = select("clip-readout-unit", words.readoutTime, words.readoutTimeOf, (unit) => this.#setUnit(unit));
     this.valueSaid = make("span");
+    this.onlySaved = { stabilize: quiet(words.clipOnlySaved.stabilize), model: quiet(words.clipOnlySaved.model) };
     const set = (/** @type {string} */ value) => this.set(UNITS[this.unit.field.value], value);
     this.value = number("clip-readout", this.valueSaid, LIMITS.ms, set);
     this.camera = this.form.control("camera");
     this.source = make("p.quiet", { role: "status" });
     const fields = [this.unit.node, this.value.node, this.camera.node, this.source];
     const readout = make("div", ...fields, quiet(words.readoutTimeHelp));
+    const steady = [this.control("stabilize"), this.onlySaved.stabilize];
     const first = [this.control("strength"), readout, this.control("edges")];
     const part = make("fieldset", make("legend", words.partOf), this.control("start"), this.control("end"));
-    this.onlySaved = { stabilize: quiet(words.clipOnlySaved.stabilize), model: quiet(words.clipOnlySaved.model) };
     const advanced = [this.control("reference"), ...this.#others()];
     const sections = [section("advanced", {}, ...advanced), this.buttons("clipToAll", "clipReset")];
-    this.fill("clipNotYet", [...first, part, ...sections, keys(words.clipKeyList)]);
+    this.fill("clipNotYet", [...first, part, ...sections, keys(words.clipKeyList)], steady);
   }
 
   /** Shows what a clip's options are, and what is known of it. @param {Clip} clip */
@@ -53,6 +54,7 @@ export class ClipControls extends Panel {
     const dense = options.model === "dense";
     const borrow = /** @type {HTMLOptionElement} */ (this.form.field("edges").querySelector("[value=borrow]"));
     borrow.hidden = !dense;
+    this.form.field("zoom-limit").disabled = !options.stabilize;
     this.onlySaved.stabilize.hidden = !options.stabilize;
     this.onlySaved.model.hidden = !dense;
     this.#showReadout(options);
@@ -63,7 +65,9 @@ export class ClipControls extends Panel {
 
   /** @param {string} name @param {string} value @param {boolean} [dragged] */
   set(name, value, dragged) {
-    if (!dragged) super.set(name, value); // a draft would take too long
+    if (dragged) return; // a draft would take too long
+    if (name === "stabilize" && !value) this.item?.set("zoom-limit", ""); // which needs it
+    super.set(name, value);
   }
 
   reset() {

@@ -89,6 +89,7 @@ const label = (name) => look(words.option, name) ?? `${name[0].toUpperCase()}${n
 function widget(kind, name, schema, id, set) {
   if (name === "reference") return reference(id, schema, set);
   const said = label(name);
+  if (name === "stabilize") return steady(id, schema, set);
   if (name === "strength") return strength(id, said, schema, set);
   if (name === "readout-ratio" && kind === "photo") return slider(id, { ...RATIO, label: said, name: said }, set);
   if (schema.type === "boolean") return check(id, said, set);
@@ -124,6 +125,25 @@ function strength(id, label, { maximum = 1, default: stated }, set) {
   const limits = { min: "0", max: String(100 * maximum), step: "5" };
   const usual = String(100 * Number(stated));
   return slider(id, { label, name: words.strengthNumber, limits, step: "1", usual, unit: 100 }, set);
+}
+
+/**
+ * Whether the camera is steadied, and how much: half, once or twice the usual number of seconds.
+ * @param {string} id @param {Schema} schema @param {Set} set
+ */
+function steady(id, { bare = 1 }, set) {
+  const said = Object.entries(words.steadyOf).map(([times, text]) => [
+    String(bare * Number(times)),
+    text(bare * Number(times)),
+  ]);
+  const much = select(`${id}-seconds`, words.steadyHow, Object.fromEntries(said), set);
+  const { node, field } = check(id, words.option.stabilize, (on) => set(on ? much.field.value : ""));
+  const show = (/** @type {string} */ value) => {
+    field.checked = value !== "";
+    much.node.hidden = !value;
+    much.field.value = value || String(bare);
+  };
+  return { node: make("div.steady", node, much.node), field, show };
 }
 
 /**

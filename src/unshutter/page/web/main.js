@@ -234,7 +234,9 @@ addEventListener("keyup", (event) => {
   if (event.key.toLowerCase() === "o") stage.original = false;
 });
 by("drop-area").addEventListener("click", (event) => !pressed(event, "#sample") && by("choose").click());
-addEventListener("beforeunload", (event) => items.some((item) => item.unsaved) && event.preventDefault());
+addEventListener("beforeunload", (event) => {
+  if (!by("saving").hidden || items.some((item) => item.unsaved)) event.preventDefault();
+});
 addEventListener("pagehide", () => items.forEach((item) => item.forget()));
 watch(take);
 stay(take, notice);

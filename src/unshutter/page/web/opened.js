@@ -53,11 +53,6 @@ export class Opened extends EventTarget {
     return JSON.stringify(this.options);
   }
 
-  /** Whether something was done to it that has not been saved. */
-  get unsaved() {
-    return this.state === "done" && Boolean(this.result?.changed) && !this.kept;
-  }
-
   /** Whether it was saved as it is now. */
   get kept() {
     return this.saved === this.wishes;

@@ -4,7 +4,7 @@
 
 import { Form } from "./form.js";
 import { make, refill } from "./nodes.js";
-import { button, quiet, row } from "./widgets.js";
+import { button, row } from "./widgets.js";
 import { words } from "./words.js";
 
 const OWN = ["roll-deg", "tilt-deg", "exposure-s", "candidate", "start", "end"]; // true of one photo or clip alone
@@ -28,11 +28,14 @@ export class Panel {
     this.form = new Form(kind, (name, value, dragged) => this.set(name, value, dragged), elsewhere);
   }
 
-  /** @param {Word} unsavable why nothing can be saved @param {HTMLElement[]} controls */
-  fill(unsavable, controls) {
-    this.whyNot = quiet(/** @type {string} */ (words[unsavable]));
-    const actions = make("div.row.actions", this.save, this.whyNot);
-    this.panel.replaceChildren(actions, make("h2", words.done), this.said, make("h2", words.settings), ...controls);
+  /**
+   * @param {Word} unsavable why nothing can be saved @param {HTMLElement[]} controls
+   * @param {HTMLElement[]} ahead those that stand below the button that saves
+   */
+  fill(unsavable, controls, ahead = []) {
+    this.whyNot = make("p.quiet.why-not", /** @type {string} */ (words[unsavable]));
+    const above = [make("div.row.actions", this.save), ...ahead, this.whyNot];
+    this.panel.replaceChildren(...above, make("h2", words.done), this.said, make("h2", words.settings), ...controls);
   }
 
   /** The control of an option, for the panel. @param {string} name */

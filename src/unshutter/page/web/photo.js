@@ -126,7 +126,7 @@ export class Photo extends Opened {
 
   /** Whether a person asked for anything: what was only looked at need not be saved. */
   get unsaved() {
-    return super.unsaved && this.wishes !== UNTOUCHED;
+    return this.state === "done" && Boolean(this.result?.changed) && !this.kept && this.wishes !== UNTOUCHED;
   }
 
   /** Each photo of its burst takes those before and after it as neighbours. */

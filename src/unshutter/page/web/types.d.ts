@@ -151,6 +151,7 @@ export interface Schema {
   default?: string | number | boolean;
   minimum?: number;
   maximum?: number;
+  bare?: number; // what it means without a value
 }
 
 // ---- what modules hand each other ----
