@@ -16,7 +16,6 @@ from support.shaken_scenes import drawn_scene, shake
 from unshutter.errors import CropTooSmallError
 from unshutter.motion import edges as edges_module
 from unshutter.motion.edges import EdgePolicy
-from unshutter.motion.finding import Finding
 from unshutter.motion.grid import Tile
 from unshutter.motion.warp import straighten
 from unshutter.options import Neighbours, Undo
@@ -26,7 +25,6 @@ from unshutter.page import photo_jobs as screen
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
 from unshutter.photo import Photo
-from unshutter.video.clip_motion import MovingFrame
 from unshutter.video.frame_warper import Warper, common_window
 
 SIZE = (100, 200)
@@ -80,8 +78,7 @@ def _with_neighbours(folder: Path) -> None:
 
 def _as_a_clip(folder: Path) -> None:
     clip: Any = SimpleNamespace(height=90, width=120)
-    frame: Any = None  # only its motion counts
-    common_window(Warper(clip, ClipUndo(edges="crop")), [MovingFrame(frame, Finding(shake(90, 120)))])
+    common_window(Warper(clip, ClipUndo(edges="crop")), [(shake(90, 120), None)])
 
 
 def _on_the_page(folder: Path) -> None:

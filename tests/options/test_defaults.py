@@ -21,15 +21,15 @@ from unshutter.page.settings import fields, page_module, read, read_clip
 PHOTO = {option.key: option.default for option in options_of(Rectify)}
 CLIP = {option.key: option.default for option in options_of(RectifyClip)}
 
-# Photos and clips differ in these, for reasons that docs/reference/conventions.md gives.
-EDGES = {"photo": "auto", "clip": "fill"}
+# Photos and clips differ in two of these, for reasons that docs/reference/conventions.md gives.
+EDGES = {"photo": "auto", "clip": "auto"}
 REFERENCE = {"photo": "first", "clip": "middle"}
 MODEL = {"photo": None, "clip": "camera"}
 
 
-def test_clips_have_the_defaults_of_photos_but_for_three() -> None:
+def test_clips_have_the_defaults_of_photos_but_for_two() -> None:
     differing = {key for key in PHOTO.keys() & CLIP.keys() if PHOTO[key] != CLIP[key]}
-    assert differing == {"edges", "reference", "model"}
+    assert differing == {"reference", "model"}
     assert (PHOTO["edges"], CLIP["edges"]) == tuple(EDGES.values())
     assert (PHOTO["reference"] or "first", CLIP["reference"]) == tuple(REFERENCE.values())
     assert (PHOTO["model"], CLIP["model"]) == tuple(MODEL.values())

@@ -46,7 +46,9 @@ def test_frames_of_another_decoder(kind):
         "16 bits": [grey.astype(np.uint16) * 257 for grey in GREYS],
     }[kind]
     before = [frame.copy() for frame in frames]
-    results = list(unshutter.rectify_clip_frames(iter(frames), readout_ms=20, fps=30, focal_px=clips.FOCAL))
+    results = list(
+        unshutter.rectify_clip_frames(iter(frames), readout_ms=20, fps=30, focal_px=clips.FOCAL, edges="fill")
+    )
     assert [(each.shape, each.dtype) for each in results] == [(each.shape, each.dtype) for each in frames]
     assert all(np.array_equal(*pair) for pair in zip(frames, before, strict=True))
     grey = [
@@ -64,7 +66,7 @@ def test_frames_come_while_others_are_still_to_be_decoded():
             taken.append(k)
             yield GREYS[k % 24 if k // 24 % 2 == 0 else 23 - k % 24]
 
-    results = unshutter.rectify_clip_frames(decoder(), readout_ratio=0.6)
+    results = unshutter.rectify_clip_frames(decoder(), readout_ratio=0.6, edges="keep")
     next(results)
     assert len(taken) < 60
 
@@ -84,7 +86,9 @@ def test_a_lens_is_found_in_frames_as_it_is_in_files():
 
 def test_the_focal_length_counts():
     right, wrong = (
-        np.stack(list(unshutter.rectify_clip_frames(GREYS, readout_ratio=0.6, focal_px=focal))).astype(float)
+        np.stack(list(unshutter.rectify_clip_frames(GREYS, readout_ratio=0.6, focal_px=focal, edges="fill"))).astype(
+            float
+        )
         for focal in (clips.FOCAL, 20.0)
     )
     assert clips.psnr(right, TRUTH) > clips.psnr(wrong, TRUTH) + 1
@@ -107,7 +111,7 @@ def test_the_focal_length_counts():
         ([GREYS[0][:20]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "192x20"),
         (GREYS, {"readout_ratio": 1.5}, unshutter.UsageError, "at most 1"),
         (GREYS, {"readout_ms": 20}, unshutter.UsageError, "give both"),
-        (GREYS, {"readout_ratio": 0.5, "edges": "crop"}, unshutter.UsageError, "fill or keep"),
+        (GREYS, {"readout_ratio": 0.5, "edges": "crop"}, unshutter.UsageError, "keep or fill"),
         (clips.moving(24, pan())[1], {}, UnknownRatioError, "give readout_ratio, or readout_ms and fps"),
     ],
 )
@@ -148,8 +152,8 @@ def test_pixels_are_those_of_a_file(tmp_path, options):
 def test_readout_time_and_direction_are_found_as_in_a_file(tmp_path):
     camera, frames = clips.moving(61, hand_held.hand(4, seconds=6.0))
     turned = [np.ascontiguousarray(np.rot90(frame)) for frame in frames]
-    found = of_arrays(iter(turned))
-    assert np.array_equal(found, of_file(tmp_path, turned))
+    found = of_arrays(iter(turned), edges="fill")
+    assert np.array_equal(found, of_file(tmp_path, turned, edges="fill"))
     truth = np.stack(clips.truth(camera)).astype(float)
     before, after = (clips.psnr(np.rot90(each, -1, axes=(1, 2)).astype(float), truth) for each in (turned, found))
     assert after > before + 5

@@ -38,16 +38,16 @@ def test_a_vibration_is_undone_by_the_log_not_by_pictures_and_kept_in_a_motion_f
     camera, clip, log = shaken
     truth = clips.luma(clips.write(tmp_path / "truth.mkv", clips.truth(camera), "ffv1"))
     saved = tmp_path / "motion.json"
-    out, record, printed = straighten(clip, "--gyro", log, "--save-motion", saved)
+    out, record, printed = straighten(clip, "--gyro", log, "--save-motion", saved, "--edges", "fill")
     by_gyro = clips.luma(out)
-    out, other, _ = straighten(clip, "--gyro", "off", *clips.KNOWN)
+    out, other, _ = straighten(clip, "--gyro", "off", *clips.KNOWN, "--edges", "fill")
     by_pictures = clips.luma(out)
     assert record["gyro"]["used"] and "gyro" not in other
     assert record["found_by"] == "gyro" and record["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.02)
     assert record["gyro"]["focal_heights"] == pytest.approx(clips.FOCAL / clips.HEIGHT, rel=0.05)  # so few px
     assert f"gyro log ({log.name}) used" in printed and "readout time" in printed
     assert clips.psnr(by_gyro, truth) > clips.psnr(by_pictures, truth) + 3
-    out, _, _ = straighten(clip, "--motion", saved)
+    out, _, _ = straighten(clip, "--motion", saved, "--edges", "fill")
     assert clips.psnr(by_gyro, clips.luma(out), border=2) > 45
 
 

@@ -93,7 +93,7 @@ def make(folder, kind, fine=False):
 
 def straighten(path, *flags):
     out = path.with_name(f"out{path.suffix}")
-    assert main(["video", str(path), "-o", str(out), *clips.KNOWN, *flags]) == 0
+    assert main(["video", str(path), "-o", str(out), *clips.KNOWN, "--edges", "fill", *flags]) == 0
     return out
 
 
@@ -159,7 +159,7 @@ def test_the_motion_can_be_kept_and_given_back(tmp_path):
     saved = tmp_path / "motion.json"
     after = straighten(before, "--save-motion", str(saved))
     again = tmp_path / "again.mkv"
-    assert main(["video", str(before), "-o", str(again), "--motion", str(saved)]) == 0
+    assert main(["video", str(before), "-o", str(again), "--motion", str(saved), "--edges", "fill"]) == 0
     assert np.abs(clips.luma(again) - clips.luma(after)).max() <= 1
     record = json.loads(saved.read_text())
     assert record["format"] == "unshutter-clip-motion/1"
@@ -173,7 +173,9 @@ def test_readout_ms_is_the_ratio_in_another_unit(tmp_path):
     before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
     one = straighten(before)
     other = tmp_path / "other.mkv"
-    assert main(["video", str(before), "-o", str(other), *clips.KNOWN[2:], "--readout-ms", "20"]) == 0
+    assert (
+        main(["video", str(before), "-o", str(other), *clips.KNOWN[2:], "--readout-ms", "20", "--edges", "fill"]) == 0
+    )
     assert np.array_equal(clips.luma(one), clips.luma(other))
 
 

@@ -46,10 +46,10 @@ def counted(monkeypatch, tmp_path):
     return rectified
 
 
-def test_a_plain_clip_is_opened_three_times_and_decoded_twice(counted):
-    """To be looked at, for the tracks of its parts, and to be written; the first look takes a frame of its own."""
+def test_a_plain_clip_is_opened_four_times_and_decoded_three_times(counted):
+    """To be looked at, for tracks, for its motion, and to be written; the first look takes a frame of its own."""
     outcome, opened, decoded = counted(clips.moving(FRAMES, clips.shaken(3.0))[1], RectifyClip())
-    assert outcome.rectified == FRAMES and 1 < opened <= 3 and FRAMES < decoded <= 2 * FRAMES + 1
+    assert outcome.rectified == FRAMES and 1 < opened <= 4 and FRAMES < decoded <= 3 * FRAMES + 1
 
 
 def test_a_clip_that_is_left_is_decoded_once(counted):
@@ -60,4 +60,4 @@ def test_a_clip_that_is_left_is_decoded_once(counted):
 def test_a_stated_readout_time_needs_no_parts_but_for_the_lens(counted):
     shutter = Shutter(readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
     outcome, opened, decoded = counted(clips.moving(FRAMES)[1], RectifyClip(shutter))
-    assert outcome.rectified == FRAMES and opened <= 2 and decoded == FRAMES + 1
+    assert outcome.rectified == FRAMES and opened <= 3 and decoded == 2 * FRAMES + 1

@@ -21,6 +21,7 @@ from unshutter.run.inputs import PHOTO_SUFFIXES, film_name
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
     from unshutter.video.clip_gyro import ClipGyro
+    from unshutter.video.enlargement import Enlargement
     from unshutter.video.measurement import ClipMeasurement
     from unshutter.video.outcome import ClipOutcome
     from unshutter.video.stabilisation import Stabilisation
@@ -151,8 +152,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     frames = f"{outcome.rectified} of {_frames(outcome.frames)} straightened"
     result = outcome.output if outcome.written else "not written"
     yield f"{outcome.source} -> {result}: {frames}{note}"
-    if outcome.stabilisation is not None:
-        yield _steady_line(outcome.stabilisation)
+    yield from _view_lines(outcome)
     yield from _ways_to_straighten(outcome)
     if outcome.direction is not None:
         yield f"unshutter: the frames show that they were read {outcome.direction} (--readout {outcome.direction})"
@@ -192,6 +192,23 @@ def _steady_line(stabilisation: Stabilisation) -> str:
     return said
 
 
+def _view_lines(outcome: ClipOutcome) -> Iterator[str]:
+    """Yields how the path was smoothed and frames were enlarged."""
+    if outcome.stabilisation is not None:
+        yield _steady_line(outcome.stabilisation)
+    if outcome.enlargement is not None and outcome.enlargement.zoom > 1.0:
+        yield _enlarged_line(outcome.enlargement)
+
+
+def _enlarged_line(enlargement: Enlargement) -> str:
+    """Describes how frames were enlarged, and what is missing nevertheless."""
+    said = f"unshutter: all frames enlarged by {100 * (enlargement.zoom - 1):.1f} %"
+    if enlargement.frames:
+        missing = f"up to {enlargement.missing_px:.0f} px more are missing in {_frames(enlargement.frames)}"
+        return f"{said}, the most; {missing}: the border is repeated there (--edges crop cuts it off)"
+    return f"{said}, so that no border shows (--edges keep does not enlarge)"
+
+
 def _frames(count: int) -> str:
     return "1 frame" if count == 1 else f"{count} frames"
 
@@ -224,7 +241,7 @@ timestamps are kept. Needs the extra `video`.""",
         "readout_ms": "readout time of a frame, if you know it",
         "camera": "take its readout time (unshutter cameras lists them)",
         "model": "camera, or dense: near and far move differently",
-        "edges": "keep, crop, fill or borrow",
+        "edges": "auto, keep, crop, fill or borrow",
         "strength": "how much to undo: 1 is all of it",
         "stabilize": "also smooth the camera's path",
         "start": "from this second",

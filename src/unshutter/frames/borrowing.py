@@ -13,9 +13,10 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import FrameMotion
 from unshutter.motion import Motion
+from unshutter.motion.edges import HAIRLINE
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map
 from unshutter.motion.shapes import Bool, UInt
-from unshutter.motion.warp import HAIRLINE, sampled_pixels, seen_mask, straighten
+from unshutter.motion.warp import sampled_pixels, seen_mask, straighten
 from unshutter.photo import Photo
 
 

@@ -6,6 +6,7 @@ coarse ones, then ones that are a pixel wide where the sides of the coarse resul
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -17,6 +18,7 @@ from unshutter.motion.grid import SamplingGrid, Tile
 from unshutter.motion.shapes import Bool
 from unshutter.options import Edges
 
+HAIRLINE = 1.0  # px that may be missing at an edge without becoming black
 LEAST_CROP = 0.1  # share of a picture's area: a smaller crop is refused
 _SHAPE_IS_WORTH = 0.03  # share of a picture's area that may be lost to keep its aspect ratio
 
@@ -43,6 +45,14 @@ class EdgePolicy:
     def may_crop(self) -> bool:
         """Whether the decision depends on how much a crop would leave."""
         return self.edges in ("crop", "auto")
+
+    @property
+    def black_beyond(self) -> float | None:
+        """Distance outside the picture [px] from which pixels are black; up to there, the border is repeated.
+
+        None: the picture is mirrored at its border. Less than :data:`HAIRLINE` outside, no edge gets a black hairline.
+        """
+        return {"keep": HAIRLINE, "fill": None}.get(self.edges, math.inf)
 
     def decide(self, size: Size, largest_crop: Callable[[], Tile], subject: str = "photo") -> EdgeDecision:
         """Decides how to handle the edges of a picture, which is called ``subject`` in messages.

@@ -22,7 +22,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
-from unshutter.motion.edges import EdgeDecision, EdgePolicy, crop_window
+from unshutter.motion.edges import HAIRLINE, EdgeDecision, EdgePolicy, crop_window
 from unshutter.motion.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.shapes import Bool, UInt
@@ -32,7 +32,6 @@ from unshutter.storage.files import new_array
 
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
-HAIRLINE = 1.0  # px that may be missing at an edge without becoming black
 _REACH = 3  # px that interpolation reads beyond a position
 
 
@@ -81,7 +80,7 @@ def straighten(
         return Straightened(pixels, policy.without_motion((height, width)).edges)
     grid = SamplingGrid.of(gs_to_rs_map(motion, upright), height, width)
     decision = _decision(grid, policy)
-    black_beyond = {"keep": HAIRLINE, "fill": None}.get(decision.edges, math.inf)
+    black_beyond = EdgePolicy(decision.edges).black_beyond
     warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
     return Straightened(warped, decision.edges, decision.whole)
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 from unshutter.errors import UsageError
 from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_count, check_time, option
 from unshutter.options.fields import check_values
-from unshutter.options.photo_options import check_focal, check_ratio
+from unshutter.options.photo_options import Edges, check_focal, check_ratio
 from unshutter.orientation import Readout
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
-ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
 _LONGEST_S = 1e9
 GYRO_OFF = "off"
@@ -102,10 +100,12 @@ class ClipUndo:
     strength: float = option(
         1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
     )
-    edges: ClipEdges = option(
-        "fill",
-        "Pixels outside the original frame: fill them with a mirror image, keep them black, crop all frames "
-        "alike, or, with {--model} dense, borrow them from the frames before and after. Default: fill.",
+    edges: Edges = option(
+        "auto",
+        "Areas outside the original frame: auto enlarges all frames alike until none shows, by at most 5 %, and "
+        "repeats the border beyond that; if 1 % of the width or less is missing, and with {--save-motion}, it only "
+        "repeats the border. keep: black. crop: cut all frames alike. fill: a mirror image. borrow, with {--model} "
+        "dense: from the frames before and after. Default: auto.",
     )
     model: FrameModel = option(
         "camera",
@@ -116,9 +116,9 @@ class ClipUndo:
     def __post_init__(self) -> None:
         check_values(self)
         if self.edges == "borrow" and self.model != "dense":
-            raise UsageError("{--edges} borrow needs {--model} dense: choose fill, keep or crop without it")
+            raise UsageError("{--edges} borrow needs {--model} dense: choose auto, keep, crop or fill without it")
         if self.edges == "crop" and self.model == "dense":
-            raise UsageError("{--model} dense cannot crop frames: choose {--edges} borrow, fill or keep")
+            raise UsageError("{--model} dense cannot crop frames: choose {--edges} auto, borrow, keep or fill")
 
 
 @dataclass(frozen=True)
@@ -259,6 +259,11 @@ class RectifyClip:
             raise UsageError("{--level} needs the clip's gyro log: leave out {--gyro} off")
         _check_span(self.start, self.end)
         check_count("max-pixels", self.max_pixels)
+
+    @property
+    def may_enlarge(self) -> bool:
+        """Whether frames may be enlarged to hide their borders; a saved motion keeps the frames' coordinates."""
+        return self.undo.edges == "auto" and self.save_motion is None
 
     @property
     def may_be_copy(self) -> bool:

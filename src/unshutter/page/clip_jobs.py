@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -57,10 +58,13 @@ def after(
     """Returns a rectified frame of the clip as a JPEG for the screen, and what was done to it as JSON.
 
     Its motion is estimated from the frames around it, with the usual readout time of such cameras if ``usual``. Edges
-    that would be cropped are kept: the area common to all frames is known only once the whole clip has been read.
+    that would be cropped are kept, and the frame is enlarged as far as it needs itself: the area common to all frames
+    is known only once the whole clip has been read.
     """
+    from unshutter.video.enlargement import Enlargement
     from unshutter.video.frame_warper import Warper
     from unshutter.video.pixels import of_file
+    from unshutter.video.stabilisation import CameraPath
 
     with _look(open_file) as clip:
         edges = options.undo.edges
@@ -68,6 +72,11 @@ def after(
         warper = Warper(clip, undo)
         moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
         motion = warper.motion(moving)
+        if options.may_enlarge and options.steadiness.stabilize is None:
+            height, width = motion.readout.frame_size(clip.height, clip.width)
+            path = CameraPath(undo, motion.readout, width / height)
+            path.add(moving.found, moving.step, moving.cut, 0.0)
+            moving = replace(moving, view=Enlargement.least(path, clip.height, clip.width).of(None))
         if not motion.is_zero:
             motion = motion.resized(*motion.readout.frame_size(clip.height, clip.width))
         pixels = _small(of_file(warper.rectified(moving).picture), longest, of_file(moving.frame))
@@ -250,16 +259,18 @@ def _pairs(
     """Yields small frames around a moment, before and after side by side."""
     import numpy as np
 
+    from unshutter.motion.edges import EdgePolicy
     from unshutter.video.clip import ClipRequest
-    from unshutter.video.frame_map import FrameMap, warp_plane
+    from unshutter.video.frame_map import FrameMap, blacken, warp_plane
     from unshutter.video.frame_warper import Warper
     from unshutter.video.pixels import of_file, upright
     from unshutter.video.plan import Undo
-    from unshutter.video.rendering import Rendering, expected, with_steady_views
+    from unshutter.video.rendering import Rendering, expected, with_hidden_borders, with_steady_views
     from unshutter.video.work import Stage
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
-    black = [0, 0, 0] if options.undo.edges in ("keep", "crop") else None
+    # what would be cropped is black: the area common to all frames is known only once the whole clip has been read
+    beyond = EdgePolicy("keep" if options.undo.edges == "crop" else options.undo.edges).black_beyond
     first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
     last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
@@ -271,6 +282,8 @@ def _pairs(
     rendering = Rendering(request, camera, plan)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
+    if options.may_enlarge:
+        rendering = with_hidden_borders(rendering)
     warper = Warper(clip, part.undo)
     steps = request.steps("film", Stage.DRAW)
     for moving in rendering.moving(clip.frames_between(first, last)):
@@ -280,7 +293,9 @@ def _pairs(
         before = frame.reformat(width, height, format="rgb24").to_ndarray()
         after = np.empty_like(before)
         for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
-            warp_plane(before, at, after[rows], black, 255)
+            warp_plane(before, at, after[rows], 255, mirror=beyond is None)
+            if beyond is not None and math.isfinite(beyond):
+                blacken(at, after[rows], [0, 0, 0], (beyond, beyond), height, width)
         yield np.concatenate([upright(each, frame) for each in (before, after)], axis=1)
         steps.advance()
 

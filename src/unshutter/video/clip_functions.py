@@ -11,11 +11,10 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.frames.sequence import stated_ratio
-from unshutter.options import Camera, Clock, FrameModel, Reference
+from unshutter.options import Camera, Clock, Edges, FrameModel, Reference
 from unshutter.options.clip_options import (
     GYRO_OFF,
     MAX_CLIP_PIXELS,
-    ClipEdges,
     ClipUndo,
     RectifyClip,
     Shutter,
@@ -32,7 +31,7 @@ from unshutter.video.frame_warper import Warper
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.pixels import ArrayFrame
 from unshutter.video.plan import Leave, Plan, make_plan
-from unshutter.video.rendering import Rendering, with_steady_views
+from unshutter.video.rendering import Rendering, with_hidden_borders, with_steady_views
 
 _USUAL_RATE = 30.0  # frames per second
 _FOR_READOUT, _FOR_LENS = 240, 80  # frames of an iterator that are examined for the readout time, or only for the lens
@@ -64,7 +63,7 @@ def rectify_clip(
     gyro: str | None = None,
     reference: Reference = "middle",
     strength: float = 1.0,
-    edges: ClipEdges = "fill",
+    edges: Edges = "auto",
     model: FrameModel = "camera",
     stabilize: float | None = None,
     zoom_limit: float | None = None,
@@ -138,7 +137,7 @@ def rectify_clip_frames(
     readout: str = "auto",
     reference: Reference = "middle",
     strength: float = 1.0,
-    edges: ClipEdges = "fill",
+    edges: Edges = "auto",
     stabilize: float | None = None,
     zoom_limit: float | None = None,
 ) -> Iterator[np.ndarray]:
@@ -147,8 +146,9 @@ def rectify_clip_frames(
     Frames are examined as those of a file are (:func:`rectify_clip`): for the lens, and without a readout ratio also
     for the readout time and direction, and for whether undoing the motion makes them better; if not, they are yielded
     as they are. Of a list, a tuple or an array [N, H, W, ...], parts are examined first, or all frames. Of any other
-    iterable, only the first 240 frames are, or at most 80 if the ratio is given: these are held in memory, and tell
-    what is done to all. Frames are yielded in order, some 30 frames after they are read.
+    iterable, only the first 240 frames are, or 80 if the ratio is given: these are held in memory, and tell what is
+    done to all, and how much all are enlarged. Frames are yielded in order: the first once those have been read, later
+    ones some 30 frames after they are read.
 
     Args:
         frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
@@ -157,7 +157,9 @@ def rectify_clip_frames(
             ``readout_ms`` and ``fps``, it is estimated from the frames, if they reveal it.
         readout: direction in which the sensor was read out; auto: estimated together with the ratio.
         focal_px: focal length [px of the frames]; by default it is estimated from the frames, and so is the lens.
-        edges: areas outside the original frame: ``fill`` mirrors the frame, ``keep`` leaves them black.
+        edges: areas outside the original frame: ``auto`` enlarges all frames alike, by at most 5 %, until none shows,
+            as far as the examined frames tell, and repeats the border where 1 % of the width or less is missing, or
+            more than that hides; ``keep`` leaves them black, ``fill`` mirrors the frame.
         fps: frames per second, for ``readout_ms`` and for ``stabilize``, which assumes 30 by default.
         stabilize: also smooth the camera's path: movements shorter than this many seconds are removed. This takes
             two passes, so ``frames`` must be a list, or an object that starts again each time it is iterated over;
@@ -185,8 +187,8 @@ def rectify_clip_frames(
         from_keywords(ClipUndo, {"reference": reference, "strength": strength, "edges": edges}),
         from_keywords(Steadiness, {"stabilize": stabilize, "zoom_limit": zoom_limit}),
     )
-    if edges not in ("fill", "keep"):
-        raise UsageError(f"for frames in arrays, edges must be fill or keep, not {edges}")
+    if edges not in ("auto", "keep", "fill"):
+        raise UsageError(f"for frames in arrays, edges must be auto, keep or fill, not {edges}")
     check_time("fps", fps, "frames per second")
     if not isinstance(frames, Iterable):
         raise UsageError("frames must be a list, or another iterable, of arrays")
@@ -209,14 +211,21 @@ def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: f
     reason = camera.readout.instead_of
     if reason is not None and not _shows_nothing(plan, examined):
         raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
-    if isinstance(examined, FirstFrames):
-        clip = replace(clip, arrays=examined.take_all())
-    rendering = Rendering(replace(request, clip=clip), camera, plan)
+    rendering = Rendering(request, camera, plan)
+    if options.steadiness.stabilize is not None:
+        if isinstance(examined, FirstFrames):
+            rendering = replace(rendering, request=replace(request, clip=replace(clip, arrays=examined.take_all())))
+        rendering = with_steady_views(rendering)
+    if options.may_enlarge:
+        rendering = with_hidden_borders(rendering)
     decoded = clip.frames_between()
     if options.steadiness.stabilize is not None:
-        rendering = with_steady_views(rendering)
-        assert rendering.stabilisation is not None
-        decoded = _once_more(replace(clip, arrays=frames), len(rendering.stabilisation.path))
+        assert rendering.path is not None
+        decoded = _once_more(replace(clip, arrays=frames), len(rendering.path))
+    elif isinstance(examined, FirstFrames):  # the motion of those that follow is not known
+        clip = replace(clip, arrays=examined.take_all())
+        rendering = replace(rendering, request=replace(request, clip=clip), path=None)
+        decoded = clip.frames_between()
     warper = Warper(clip, options.undo)
     for moving in rendering.moving(decoded):
         (pixels,) = clip.pixels.arrays(warper.rectified(moving).picture)

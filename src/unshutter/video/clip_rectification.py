@@ -32,7 +32,15 @@ from unshutter.video.motion_file import MotionWriter
 from unshutter.video.outcome import ClipOutcome, Tally
 from unshutter.video.pixels import of_file
 from unshutter.video.plan import NO_FRAMES, Leave, Plan, Undo, make_plan
-from unshutter.video.rendering import Rendering, expected, straight_view, watched, with_steady_views
+from unshutter.video.rendering import (
+    Rendering,
+    expected,
+    straight_view,
+    watched,
+    with_hidden_borders,
+    with_known_motion,
+    with_steady_views,
+)
 from unshutter.video.work import Stage
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
@@ -63,6 +71,8 @@ def rectify_clip_file(
     rendering = Rendering(request, camera, plan, straight=straight_view(request) if options.straight_lines else None)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
+    if options.may_enlarge:
+        rendering = with_hidden_borders(rendering)
     steady = rendering.stabilisation
     straight = rendering.straight
     if steady is not None and not steady.is_idle:
@@ -90,6 +100,7 @@ def rectify_clip_file(
         turns=tally.turns,
         gyro=camera.gyro,
         stabilisation=steady,
+        enlargement=rendering.enlargement,
         lens=request.lens,
         lens_degrees=None if request.lens is None else request.lens.degrees(aspect),
         straight_degrees=None if straight is None else straight.degrees(aspect),
@@ -205,8 +216,8 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
     clip = film.clip
     warper = Warper(request.clip, options.undo)
     if warper.undo.edges == "crop":
-        with closing(watched(rendering)) as moving:
-            warper = replace(warper, window=common_window(warper, moving))
+        rendering = with_known_motion(rendering)
+        warper = replace(warper, window=common_window(warper, rendering.known()))
     tally = Tally()
 
     def is_changed() -> bool:

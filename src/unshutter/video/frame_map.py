@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import cv2
@@ -75,7 +75,7 @@ def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
     return ends.astype(np.float32)
 
 
-def _outline(aspect: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def outline(aspect: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """[points] x and y of points on the border of a view, and the side on which each lies."""
     t = np.linspace(-0.5, 0.5, _POINTS)
     x = np.concatenate([np.full(_POINTS, -0.5), np.full(_POINTS, 0.5), t, t]) * aspect
@@ -101,7 +101,7 @@ def margins(
     Returns:
         Lengths, negative outside, and their derivatives with respect to the rotation [per rad].
     """
-    x, y, side = _outline(aspect)
+    x, y, side = outline(aspect)
     size = np.asarray(zoom, np.float64).reshape(-1, 1)
     x = x / size / focal
     y = y / size / focal
@@ -110,19 +110,32 @@ def margins(
     ray = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(turns), rays), -1, 0)
     x, y = (ray[0] / ray[2], ray[1] / ray[2]) if lens is None else lens.position(*ray)
     upright = side < TOP
-    along = np.where(upright, y * focal, x * focal / aspect)
-    place = np.clip((along + 0.5) * (_PLACES - 1), 0, _PLACES - 1)
-    before = np.minimum(place.astype(int), _PLACES - 2)
-    frames = np.arange(len(turns))[:, None]
-    ends = [borders[frames, side, before + k].astype(np.float64) for k in (0, 1)]
-    end = ends[0] + (ends[1] - ends[0]) * (place - before)
     inward = np.where((side == LEFT) | (side == TOP), 1.0, -1.0)
     across = np.stack([-x * y, 1 + x * x, -y], axis=-1)
     down = np.stack([-(1 + y * y), x * y, x], axis=-1)
     if lens is not None:
         across, down = (np.cross(np.moveaxis(ray, 0, -1), np.stack(each, axis=-1)) for each in lens.slopes(*ray))
     slopes = (inward * focal)[:, None] * np.where(upright[:, None], across, down)
-    return inward * (np.where(upright, x, y) * focal - end), slopes
+    return depths(borders, x * focal, y * focal, side, aspect), slopes
+
+
+def depths(
+    borders: Float32[np.ndarray, "frames 4 9"], x: np.ndarray, y: np.ndarray, side: np.ndarray, aspect: float
+) -> Float64[np.ndarray, "frames points"]:
+    """Returns how far positions near the sides of frames lie inside their borders [heights]; negative outside.
+
+    Args:
+        x, y: [points] or [frames, points], from the centre [heights].
+        side: [points] the side that each is near to.
+    """
+    upright = side < TOP
+    place = np.clip((np.where(upright, y, x / aspect) + 0.5) * (_PLACES - 1), 0, _PLACES - 1)
+    before = np.minimum(place.astype(int), _PLACES - 2)
+    frames = np.arange(len(borders))[:, None]
+    ends = [borders[frames, side, before + k].astype(np.float64) for k in (0, 1)]
+    end = ends[0] + (ends[1] - ends[0]) * (place - before)
+    inward = np.where((side == LEFT) | (side == TOP), 1.0, -1.0)
+    return inward * (np.where(upright, x, y) - end)
 
 
 def zoom_needed(
@@ -178,7 +191,7 @@ class StraightView:
     @classmethod
     def of(cls, lens: Lens, readout: Readout, aspect: float) -> StraightView:
         """Returns the widest view that shows no border of the real frames, up to 120 degrees from corner to corner."""
-        x, y, _ = _outline(aspect)
+        x, y, _ = outline(aspect)
         for focal in np.hypot(aspect, 1) / 2 / np.tan(np.radians(np.linspace(60, 1, 473))):
             col, row = lens.position(x / focal, y / focal, 1.0)
             if np.abs(col).max() <= aspect / 2 / lens.focal and np.abs(row).max() <= 0.5 / lens.focal:
@@ -193,12 +206,18 @@ class StraightView:
         """Maps positions in the straightened picture to the global-shutter frame."""
         rows, columns = self.readout.frame_size(height, width)
         col, row = self.readout.points_to_frame(col, row, height, width)
-        focal = self.focal * rows
-        x = (columns - 1) / 2
-        y = (rows - 1) / 2
-        seen = self.lens.position((col - x) / focal, (row - y) / focal, 1.0)
-        scale = self.lens.focal * rows
-        return self.readout.points_to_stored(seen[0] * scale + x, seen[1] * scale + y, height, width)
+        middle = (columns - 1) / 2, (rows - 1) / 2
+        x, y = self.seen((col - middle[0]) / rows, (row - middle[1]) / rows)
+        return self.readout.points_to_stored(x * rows + middle[0], y * rows + middle[1], height, width)
+
+    def seen(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Maps positions, from the centre [heights], in the straightened picture to the global-shutter frame."""
+        seen = self.lens.position(x / self.focal, y / self.focal, 1.0)
+        return seen[0] * self.lens.focal, seen[1] * self.lens.focal
+
+    def enlarged(self, zoom: float) -> StraightView:
+        """Returns the view of a camera with a longer focal length."""
+        return replace(self, focal=self.focal * zoom)
 
 
 View: TypeAlias = SteadyView | StraightView
@@ -312,21 +331,42 @@ def warp_plane(
     plane: UInt[np.ndarray, "rows columns *bands"],
     positions: tuple[Float32[np.ndarray, "rows cols"], ...],
     out: UInt[np.ndarray, "rows columns *bands"],
-    black: list[int] | None,
     limit: int,
+    mirror: bool = False,
 ) -> None:
     """Samples a plane at positions into another one, by bicubic interpolation (a = -0.75).
 
     Args:
         positions: (col, row) [px of the plane].
-        black: values, one per band, for positions outside the plane; None mirrors the plane at its border.
         limit: greatest value, which cubic interpolation may exceed.
+        mirror: whether the plane is mirrored at its border; otherwise, the border is repeated.
     """
+    border = cv2.BORDER_REFLECT if mirror else cv2.BORDER_REPLICATE
     col, row = positions
-    border = cv2.BORDER_REFLECT if black is None else cv2.BORDER_CONSTANT
-    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=black or [0])
+    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border)
     if limit not in (0xFF, 0xFFFF):
         np.minimum(out, limit, out=out)
+
+
+def blacken(
+    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
+    out: UInt[np.ndarray, "rows columns *bands"],
+    black: list[int],
+    beyond: tuple[float, float],
+    height: int,
+    width: int,
+) -> None:
+    """Makes pixels black whose positions are too far outside a plane of height x width [px].
+
+    Args:
+        black: values, one per band.
+        beyond: how far outside the plane's last columns and rows positions count as inside [px].
+    """
+    col, row = positions
+    wide, tall = beyond
+    outside = (col < -wide) | (col > width - 1 + wide) | (row < -tall) | (row > height - 1 + tall)
+    if outside.any():
+        cv2.copyTo(np.zeros_like(out) + np.array(black, out.dtype), outside.view(np.uint8), out)
 
 
 def borrow_plane(
@@ -345,7 +385,7 @@ def borrow_plane(
     if not columns.size:
         return
     lent = np.empty((len(out), columns.size, *out.shape[2:]), out.dtype)
-    warp_plane(plane, tuple(each[:, columns] for each in positions), lent, None, limit)
+    warp_plane(plane, tuple(each[:, columns] for each in positions), lent, limit)
     where = missing[:, columns]
     out[:, columns] = np.where(where if out.ndim == 2 else where[..., None], lent, out[:, columns])
 

@@ -6,6 +6,7 @@ would vary from row to row.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,7 +22,7 @@ from unshutter.options.clip_options import ClipUndo
 from unshutter.video.clip import Clip
 from unshutter.video.clip_motion import MovingFrame
 from unshutter.video.frame_links import Lender, LinkedFrame
-from unshutter.video.frame_map import FrameMap, Scratch, borrow_plane, on_plane, undone_part, warp_plane
+from unshutter.video.frame_map import FrameMap, Scratch, View, blacken, borrow_plane, on_plane, undone_part, warp_plane
 from unshutter.video.pixels import Frame, of_file
 
 _SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
@@ -83,20 +84,29 @@ class Warper:
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         picture = pixels.blank(frame, self.clip.height, self.clip.width)
         full = pixels.is_full_range(frame)
+        mirror = EdgePolicy(self.undo.edges).black_beyond is None
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
             black = [each.black_full if full else each.black for each, _, _ in alike for _ in range(each.bands)]
+            beyond = self._beyond(across), self._beyond(down)
             before, after = alike[0][1:]
             if len(alike) > 1:  # one with several bands is warped faster than several planes
                 before = cv2.merge([old for _, old, _ in alike])
                 after = np.empty_like(before)
             for rows, positions in frame_map.positions(across, down, self._scratches[0]):
-                warp_plane(before, positions, after[rows], black if self.undo.edges == "keep" else None, limit)
+                warp_plane(before, positions, after[rows], limit, mirror)
+                if not mirror and math.isfinite(beyond[0]):
+                    blacken(positions, after[rows], black, beyond, *before.shape[:2])
             if len(alike) > 1:
                 for k, (_, _, new) in enumerate(alike):
                     cv2.extractChannel(after, k, new)
         return picture
+
+    def _beyond(self, subsampling: int) -> float:
+        """Returns how far outside a plane's last pixels positions are not yet black [px of the plane]."""
+        beyond = EdgePolicy(self.undo.edges).black_beyond or 0.0
+        return (beyond - 0.5) / subsampling + 0.5
 
     def _borrow(self, lenders: list[Lender], picture: Frame, own: FrameMap) -> None:
         """Fills areas that a frame does not show from its neighbours, in the planes of the rectified frame."""
@@ -137,15 +147,19 @@ class Warper:
         return picture
 
 
-def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
-    """Returns the largest rectangle of the clip's shape that all rectified frames cover; None for all of it."""
+def common_window(warper: Warper, frames: Iterable[tuple[Motion, View | None]]) -> Tile | None:
+    """Returns the largest rectangle of the clip's shape that all rectified frames cover; None for all of it.
+
+    Args:
+        frames: motion (first row as the reference) and view of each.
+    """
     clip = warper.clip
     mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
-    for moving in frames:
-        motion = warper.motion(moving)
-        if motion.is_zero and moving.view is None:
+    for found, view in frames:
+        motion = undone_part(found, warper.undo)
+        if motion.is_zero and view is None:
             continue
-        frame_map = FrameMap.of(motion, clip.height, clip.width, moving.view)
+        frame_map = FrameMap.of(motion, clip.height, clip.width, view)
         last = frame_map.width / _COARSE - 2, frame_map.height / _COARSE - 2  # a margin of one spacing
         for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
             part = mask[rows]

@@ -22,6 +22,7 @@ from unshutter.video.clip_motion import MovingFrame
 if TYPE_CHECKING:
     from unshutter.options import FrameModel
     from unshutter.video.clip_gyro import ClipGyro
+    from unshutter.video.enlargement import Enlargement
     from unshutter.video.stabilisation import Stabilisation
 
 
@@ -76,6 +77,7 @@ class ClipOutcome:
         turns: presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame.
         gyro: the clip's gyro log and the result of using it; None if it has none.
         stabilisation: the smoothed path; None if the camera's path was left unchanged.
+        enlargement: that of all frames, to hide their borders; None if borders may show, or were not looked for.
         lens: the lens, if it bends straight lines.
         lens_degrees: its field of view, from corner to corner of a frame [degrees].
         straight_degrees: that of the new clip, if lines were straightened; otherwise None.
@@ -98,6 +100,7 @@ class ClipOutcome:
     turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     gyro: ClipGyro | None = None
     stabilisation: Stabilisation | None = None
+    enlargement: Enlargement | None = None
     lens: Lens | None = None
     lens_degrees: float | None = None
     straight_degrees: float | None = None
@@ -150,6 +153,7 @@ class ClipOutcome:
             "found_by": self.readout.source,
             **({} if self.gyro is None else {"gyro": self.gyro.as_json()}),
             **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
+            **({} if self.enlargement is None else {"enlarged": self.enlargement.as_json()}),
             **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),
             **({} if plausible is None else {"plausible_ms": list(plausible)}),
             **({} if self.direction is None else {"readout": self.direction}),

@@ -14,7 +14,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import SHARES
-from unshutter.motion import RowMotion
+from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.warp import thread_count
 from unshutter.video.ahead import ahead
@@ -22,8 +22,9 @@ from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_gyro import level_turns
 from unshutter.video.clip_motion import ROWS, MovingFrame, with_motion
+from unshutter.video.enlargement import Enlargement
 from unshutter.video.frame_links import LinkedFrame, linked
-from unshutter.video.frame_map import StraightView
+from unshutter.video.frame_map import StraightView, View
 from unshutter.video.frame_warper import NewFrame, Warper, side_by_side
 from unshutter.video.gyro_fit import up_directions
 from unshutter.video.plan import Leave, Plan, Undo
@@ -46,28 +47,44 @@ class Rendering:
     request: ClipRequest
     camera: ClipCamera
     plan: Plan
-    # the frames' views and motion from a first pass; None if the camera's path is left unchanged
+    # the frames' stabilised views; None if the camera's path is left unchanged
     stabilisation: Stabilisation | None = None
     straight: StraightView | None = None  # the view in which lines are straight; None if the lens is kept
+    path: CameraPath | None = None  # the frames' motion, if a first pass found it
+    enlargement: Enlargement | None = None  # that which hides the frames' borders; None if borders may show
 
     def moving(self, frames: Iterator[Frame]) -> Generator[MovingFrame]:
         """Yields frames with their motion."""
         clip = self.request.clip
         options = self.request.options
-        if self.straight is not None:
-            return self._straightened(replace(self, straight=None).moving(frames))
+        if any(each is not None for each in (self.straight, self.stabilisation, self.enlargement)):
+            return self._viewed(replace(self, straight=None, stabilisation=None, enlargement=None).moving(frames))
         decoded = ahead(frames, clip.most_ahead(_DECODED_AHEAD))
-        if self.stabilisation is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
+        if self.path is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
             return self._with_known_motion(decoded)
         turns = self.camera.gyro and self.camera.gyro.turns
         whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
         moving = with_motion(self.request, decoded, self.camera.readout, turns, whole_path)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
-    def _straightened(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
+    def view(self, number: int) -> View | None:
+        """Returns the view of a frame that is shown; None for the camera's own."""
+        view = self.straight if self.stabilisation is None else self.stabilisation.view(number)
+        return view if self.enlargement is None else self.enlargement.of(view)
+
+    def known(self) -> Iterator[tuple[Motion, View | None]]:
+        """Yields the frames' motions and views after a first pass, or of a clip that is left: each that differs."""
+        zero = RowMotion.zero(ROWS, ROWS)
+        if self.path is None:
+            yield zero, self.view(0)
+            return
+        for number in range(len(self.path)):
+            yield zero if isinstance(self.plan, Leave) else self.path.finding(number).motion, self.view(number)
+
+    def _viewed(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
         with closing(frames):
-            for moving in frames:
-                yield replace(moving, view=self.straight)
+            for number, moving in enumerate(frames):
+                yield replace(moving, view=self.view(number))
 
     def _with_known_motion(self, frames: Generator[Frame]) -> Generator[MovingFrame]:
         plan = self.plan
@@ -75,11 +92,9 @@ class Rendering:
         with closing(frames):
             for number, frame in enumerate(frames):
                 self.request.work.advance(Stage.READ)
-                if self.stabilisation is not None:
-                    path = self.stabilisation.path
-                    view = self.stabilisation.view(number)
-                    found = unchanged or path.finding(number)
-                    yield MovingFrame(frame, found, path.cuts[number], step=path.middle_steps[number], view=view)
+                if self.path is not None:
+                    found = unchanged or self.path.finding(number)
+                    yield MovingFrame(frame, found, self.path.cuts[number], step=self.path.middle_steps[number])
                 elif unchanged is not None:
                     yield MovingFrame(frame, unchanged)
                 elif isinstance(plan, Undo) and plan.motion is not None:
@@ -102,9 +117,10 @@ def expected(request: ClipRequest, plan: Plan) -> dict[Stage, int]:
     options = request.options
     frames = request.frames
     is_steady = options.steadiness.stabilize is not None
-    passes = 1 + is_steady + (options.undo.edges == "crop")
+    needs_borders = isinstance(plan, Undo) and (options.may_enlarge or options.undo.edges == "crop")
+    passes = 2 if is_steady or needs_borders else 1
     is_known = plan.motion is not None if isinstance(plan, Undo) else not is_steady
-    searches = 0 if is_known else 1 if is_steady else passes
+    searches = 0 if is_known else 1
     is_linked = options.undo.model == "dense" and isinstance(plan, Undo)
     each = {Stage.FOLLOW: searches, Stage.FIT: _SOLVED * searches, Stage.READ: passes - searches}
     each |= {Stage.LINK: is_linked, Stage.DRAW: 1, Stage.ENCODE: 1}
@@ -130,12 +146,8 @@ def with_steady_views(rendering: Rendering) -> Rendering:
     request = rendering.request
     options = rendering.request.options
     turns = level_turns(rendering.camera.gyro) if options.steadiness.level else None
-    undo = replace(options.undo, strength=0.0) if isinstance(rendering.plan, Leave) else options.undo
-    height, width = request.frame_size
-    path = CameraPath(undo, request.readout, width / height, request.lens)
     motion = rendering.plan.motion if isinstance(rendering.plan, Undo) else None
-    for moving in watched(replace(rendering, plan=Undo(motion))):
-        path.add(moving.found, moving.step, moving.cut, moving.frame.time or 0.0)
+    path = _path_of(replace(rendering, plan=Undo(motion)), is_left=isinstance(rendering.plan, Leave))
     if motion is not None and not any(path.middle_steps):
         raise UnshutterError(
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
@@ -144,7 +156,39 @@ def with_steady_views(rendering: Rendering) -> Rendering:
     up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
     plan = replace(rendering.plan, frames=len(path)) if isinstance(rendering.plan, Leave) else rendering.plan
-    return replace(rendering, plan=plan, stabilisation=steady)
+    return replace(rendering, plan=plan, path=path, stabilisation=steady)
+
+
+def with_known_motion(rendering: Rendering) -> Rendering:
+    """Returns how a clip is rendered with the motion from a first pass, unless that is known or nothing is undone."""
+    if rendering.path is not None or isinstance(rendering.plan, Leave):
+        return rendering
+    return replace(rendering, path=_path_of(rendering))
+
+
+def with_hidden_borders(rendering: Rendering) -> Rendering:
+    """Returns how a clip is rendered with all frames enlarged alike, as far as a first pass finds necessary.
+
+    A stabilised path has its zoom already.
+    """
+    steady = rendering.stabilisation
+    if isinstance(rendering.plan, Leave) or (steady is not None and not steady.is_idle):
+        return rendering
+    rendering = with_known_motion(rendering)
+    assert rendering.path is not None
+    size = rendering.request.clip.height, rendering.request.clip.width
+    return replace(rendering, enlargement=Enlargement.least(rendering.path, *size, rendering.straight))
+
+
+def _path_of(rendering: Rendering, is_left: bool = False) -> CameraPath:
+    """Returns the motion of a clip's frames, none of which is undone if the clip is left."""
+    request = rendering.request
+    undo = replace(request.options.undo, strength=0.0) if is_left else request.options.undo
+    height, width = request.frame_size
+    path = CameraPath(undo, request.readout, width / height, request.lens)
+    for moving in watched(rendering):
+        path.add(moving.found, moving.step, moving.cut, moving.frame.time or 0.0)
+    return path
 
 
 def watched(rendering: Rendering) -> Generator[MovingFrame]:

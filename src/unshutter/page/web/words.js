@@ -256,7 +256,7 @@ export const words = {
     },
     upright: { "": "as it was taken", level: "level", full: "level, verticals parallel" },
     edges: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
-    "clip-edges": { fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
+    "clip-edges": { auto: "automatic", fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
     format: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
     model: { "": "as the frames show", camera: "alike", dense: "differently" },
     subsampling: { "": "like the original" },
