@@ -1,8 +1,11 @@
 """Clips on the page, in a real browser."""
 
+import json
 import re
 from pathlib import Path
 
+import av
+import httpx
 import pytest
 from playwright.sync_api import Page, Route, expect
 
@@ -309,3 +312,44 @@ def test_leaving_asks_only_for_a_clip_that_was_worked_on(page: Page, walk: Path)
     assert not page.evaluate(leaves)
     page.get_by_label("Steady the camera").uncheck()
     assert page.evaluate(leaves)
+
+
+def test_encoders_are_those_of_this_machine(page: Page, stroll: Path, tmp_path: Path) -> None:
+    """The lists hold what can be written for the clip; what only another encoder takes is forgotten with it."""
+    film = clips.write(tmp_path / "walk.mkv", GREYS[:14], "ffv1")
+    drop(page, stroll, film)
+    values = "nodes => nodes.map(node => node.value)"
+    codec, quality, speed = (page.locator(f"#clip-{name}") for name in ("option-codec", "crf", "option-preset"))
+    expect(quality.locator("option")).to_have_text(["as the clip", "visually lossless", "smaller"])
+    here = {name for name in ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1") if _is_here(name)}
+    assert set(codec.locator("option").evaluate_all(values)) == {"", *here}  # ProRes takes no 4:2:0
+    assert "veryslow" in speed.locator("option").evaluate_all(values)
+    page.get_by_title("walk.mkv").click()
+    expect(quality).to_be_disabled()  # FFV1 has but one
+    expect(speed).to_be_disabled()
+    assert set(codec.locator("option").evaluate_all(values)) == {"", *here}
+    page.locator("#clip-panel").get_by_text("Advanced").click()
+    codec.select_option("libx264")
+    expect(quality.locator("option")).to_have_text(["visually lossless", "smaller"])
+    quality.select_option("23")
+    speed.select_option("ultrafast")
+    codec.select_option("ffv1")
+    expect(quality).to_have_value("")
+    expect(speed).to_have_value("")
+
+
+def test_lists_of_encoders_follow_frames_and_format(client: httpx.Client, tmp_path: Path) -> None:
+    usual = {}
+    for ending in (".mov", ".mkv", ".mp4"):
+        film = clips.write(tmp_path / f"deep{ending}", GREYS[:3], "libx264", "yuv422p10le")
+        sent = client.post("/api/clips", content=film.read_bytes(), headers={"Unshutter-Name": film.name})
+        answer = client.get(f"/api/clips/{sent.json()['id']}/before")
+        usual[ending] = set(json.loads(answer.headers["unshutter-result"])["encoders"]["usual"])
+    deep = {name for name in ("libx264", "prores_ks", "ffv1") if _is_here(name)}
+    places = {".mov": {"libx264", "prores_ks"}, ".mkv": deep, ".mp4": {"libx264", "ffv1"}}
+    for ending, names in places.items():
+        assert usual[ending] & {"libx264", "prores_ks", "ffv1"} == names & deep, ending
+
+
+def _is_here(encoder: str) -> bool:
+    return encoder in av.codecs_available

@@ -43,13 +43,15 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
     ``moment`` counts the moments from 0, evenly spaced; ``longest`` is the longer side [px], or None for full size.
     """
+    from unshutter.video.encoders import writable
+
     with _look(open_file) as clip:
         moments_s = [_moment_time(clip, options, k) for k in range(MOMENTS)]
         frame = _frame_at(clip, moments_s[moment])
         stored = frame.height, frame.width
         height, width = stored[::-1] if round(frame.rotation / 90) % 2 else stored
         facts = {"height": height, "width": width, "duration_s": clip.duration_s, "fps": 1 / clip.interval_s}
-        return as_jpeg(_small(frame, longest, frame)), facts | {"moments_s": moments_s}
+        return as_jpeg(_small(frame, longest, frame)), facts | {"moments_s": moments_s, "encoders": writable(clip)}
 
 
 def after(

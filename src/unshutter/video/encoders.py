@@ -6,11 +6,14 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from unshutter.errors import UnshutterError, UsageError, shortened
-from unshutter.frames.pyav import av
+from unshutter.frames.pyav import FILM_FORMATS, av
 from unshutter.options.clip_options import Encode
+from unshutter.reasons import JsonObject
 from unshutter.video.clip_facts import ClipFacts, Coding
 
 if TYPE_CHECKING:
@@ -31,6 +34,12 @@ _ENCODERS = {
 _CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
 _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
 _PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
+_SMALLER_CRF = {
+    "libx264": 23,
+    "libx265": 28,
+    "libsvtav1": 35,
+    "libvpx-vp9": 32,
+}  # the encoders' own defaults; VP9 has none
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
 _BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # encoders that can take the bit rate of a clip of the same codec
 _PROFILES = {
@@ -126,6 +135,37 @@ def _checked(name: str, clip: ClipFacts) -> str:
     raise UnshutterError(
         f"{name} cannot write frames of the format {clip.pixels.name}: {_other_encoder(clip.pixels.name)}"
     )
+
+
+def writable(clip: ClipFacts) -> JsonObject:
+    """Describes, as JSON, the encoder for a clip's own codec, and the usual ones that this FFmpeg has for its frames.
+
+    Each has its presets and two CRF values, for results that look like the clip and for files about half as large.
+    """
+    own = _ENCODERS.get(clip.coding.name, clip.coding.name)
+    usual = [name for name in dict.fromkeys([*_ENCODERS.values(), "ffv1"]) if _takes(name, clip)]
+    described = {
+        name: {
+            "presets": list(_PRESETS.get(name, ())),
+            "crf": [_CRF[name], _SMALLER_CRF[name]] if name in _CRF else [],
+        }
+        for name in (own, *usual)
+    }
+    by_rate = own in _BY_RATE and clip.coding.bits_per_s > 0
+    return {"own": own, "keeps_rate": by_rate, "usual": usual, "described": described}
+
+
+def _takes(name: str, clip: ClipFacts) -> bool:
+    """Returns whether this FFmpeg has an encoder, for the clip's frames and its file's format."""
+    try:
+        _checked(name, clip)
+    except UnshutterError:
+        return False
+    kind = FILM_FORMATS.get(Path(clip.path).suffix.lower())
+    if kind is None:
+        return True
+    with av().open(BytesIO(), "w", format=kind) as container:
+        return av().Codec(name, "w").canonical_name in container.supported_codecs
 
 
 def others_for(pixel_format: str) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 /** @import { Clip } from "./clip.js" @import { On } from "./panel.js" @import { Options } from "./types.js" */
 
+import { showEncoders } from "./encoding.js";
 import { make } from "./nodes.js";
 import { Panel } from "./panel.js";
 import { keys, number, quiet, section, select } from "./widgets.js";
@@ -36,7 +37,7 @@ export class ClipControls extends Panel {
     const fields = [this.unit.node, this.value.node, this.camera.node, this.source];
     const readout = make("div", ...fields, quiet(words.readoutTimeHelp));
     const steady = [this.control("stabilize"), this.onlySaved.stabilize];
-    const first = [this.control("strength"), readout, this.control("edges")];
+    const first = [this.control("strength"), readout, this.control("edges"), this.control("crf")];
     const part = make("fieldset", make("legend", words.partOf), this.control("start"), this.control("end"));
     const advanced = [this.control("reference"), ...this.#others()];
     const sections = [section("advanced", {}, ...advanced), this.buttons("clipToAll", "clipReset")];
@@ -51,6 +52,7 @@ export class ClipControls extends Panel {
     else if (begins && this.unit.field.value === "find") this.unit.field.value = "ms"; // which it needs
     super.show(clip);
     this.state = state;
+    if (facts) showEncoders(this.form, facts.encoders, options);
     const dense = options.model === "dense";
     const borrow = /** @type {HTMLOptionElement} */ (this.form.field("edges").querySelector("[value=borrow]"));
     borrow.hidden = !dense;
@@ -66,6 +68,7 @@ export class ClipControls extends Panel {
   /** @param {string} name @param {string} value @param {boolean} [dragged] */
   set(name, value, dragged) {
     if (dragged) return; // a draft would take too long
+    if (name === "codec") for (const other of ["crf", "preset"]) this.item?.set(other, ""); // which are of the other
     if (name === "stabilize" && !value) this.item?.set("zoom-limit", ""); // which needs it
     super.set(name, value);
   }

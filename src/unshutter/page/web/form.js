@@ -3,6 +3,7 @@
 
 /** @import { Control, Kind, Options, Schema } from "./types.js" */
 
+import { ENCODING } from "./encoding.js";
 import { make } from "./nodes.js";
 import { clip, photo } from "./options.js";
 import { check, number, select } from "./widgets.js";
@@ -92,6 +93,7 @@ function widget(kind, name, schema, id, set) {
   if (name === "stabilize") return steady(id, schema, set);
   if (name === "strength") return strength(id, said, schema, set);
   if (name === "readout-ratio" && kind === "photo") return slider(id, { ...RATIO, label: said, name: said }, set);
+  if (ENCODING.includes(name)) return select(id, said, {}, set);
   if (schema.type === "boolean") return check(id, said, set);
   if (schema.type !== "string") {
     const { minimum: min, maximum: max } = schema;

@@ -53,6 +53,15 @@ export interface ClipFacts {
   duration_s: number;
   fps: number;
   moments_s: number[];
+  encoders: Encoders;
+}
+
+/** What this machine can write for a clip. */
+export interface Encoders {
+  own: string; // encoder of the clip's own codec
+  keeps_rate: boolean; // whether it keeps the clip's bits per second
+  usual: string[];
+  described: Record<string, { presets: string[]; crf: number[] }>; // CRF: visually lossless, smaller
 }
 
 export interface PhotoResult {

@@ -242,7 +242,7 @@ export const words = {
     subsampling: "Colour resolution",
     fps: "Frames per second",
     codec: "Encoder",
-    crf: "Quality (smaller is better)",
+    crf: "Quality",
     preset: "Speed of the encoder",
   },
   choices: {
@@ -267,6 +267,7 @@ export const words = {
     upright: "Turned, whether or not the camera moved",
     edges: "Places that the photo did not see. Automatic: borrowed from its neighbours where it has any, else cut off",
     format: "Of the file that is saved",
+    crf: "Of the clip that is saved. As the clip: as many bits per second. Smaller: about half of visually lossless",
     stabilize: "Smooths away movements of the camera that are shorter than so many seconds",
     "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
   },
@@ -276,6 +277,16 @@ export const words = {
     1: (s) => `as usual (${s} s)`,
     2: (s) => `very (${s} s)`,
   },
+  ownCodec: "that of the clip",
+  encoderOf: {
+    libx264: "H.264 (libx264)",
+    libx265: "H.265 (libx265)",
+    libsvtav1: "AV1 (libsvtav1)",
+    "libvpx-vp9": "VP9 (libvpx-vp9)",
+    prores_ks: "ProRes (prores_ks)",
+    ffv1: "FFV1, lossless",
+  },
+  qualityOf: { asClip: "as the clip", best: "visually lossless", small: "smaller" },
   strengthNumber: "Strength in per cent",
   referenceOf: { first: "first", middle: "middle", last: "last" },
 
