@@ -52,7 +52,7 @@ class Work:
     Stages that nobody expected take their part, too. The time that is left follows from the pace so far.
 
     Args:
-        observer: is told of each step.
+        observer: hears of each step.
         megapixels: of a frame [10^6 px].
     """
 
@@ -109,7 +109,7 @@ class Work:
 
 
 class Steps:
-    """Counts the steps of one kind, which the observer is told by name."""
+    """Counts the steps of one kind, which the observer knows by name."""
 
     def __init__(self, work: Work, what: str, total: int, stage: Stage | None = None):
         self._work = work

@@ -97,7 +97,7 @@ async function saveMany(items, to, notice, onlyChanged = false) {
   }
 }
 
-/** How much of the work on a clip is done, and how long the rest takes. @param {Progress | null} now @returns {Doing} */
+/** How much of a clip's work is done, and how long the rest takes. @param {Progress | null} now @returns {Doing} */
 export const doing = (now) => ({ share: now?.share ?? 0, left: now?.left_s ? words.left(now.left_s) : "" });
 
 /** Shows how many are done, of a clip at work how many frames, and how long that still takes. @param {Saving} saving */
