@@ -68,7 +68,8 @@ CASES = (
 def rectified(clip: Path, out: Path, source: str | None, *flags: str) -> dict:
     """The record of a run, with the output in ``out``."""
     log = out.with_suffix(".jsonl")
-    command = [sys.executable, "-m", "unshutter", "video", str(clip), "-o", str(out), "--json-log", str(log), *flags]
+    command = [sys.executable, "-m", "unshutter", "video", str(clip), "-o", str(out), "--json-log", str(log)]
+    command += ["--edges", "fill", *flags]  # the truth is not enlarged
     paths = {} if source is None else {"PYTHONPATH": source}
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **paths})
     if done.returncode:

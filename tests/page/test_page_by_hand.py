@@ -28,7 +28,7 @@ def grey(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def facade(tmp_path: Path, facade_canvas: np.ndarray) -> Path:
+def still_facade(tmp_path: Path, facade_canvas: np.ndarray) -> Path:
     """A photo of straight lines, by a camera that stood still."""
     Photo.from_array(facade_canvas[120:480, 120:620].copy()).save(tmp_path / "facade.png")
     return tmp_path / "facade.png"
@@ -80,8 +80,8 @@ def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path)
     expect(page.locator("#tool-lean")).to_have_attribute("aria-pressed", "true")  # the simplest tool is in the hand
 
 
-def test_a_photo_with_lines_can_be_tried_as_if_the_camera_moved(page: Page, facade: Path) -> None:
-    drop(page, facade)
+def test_a_photo_with_lines_can_be_tried_as_if_the_camera_moved(page: Page, still_facade: Path) -> None:
+    drop(page, still_facade)
     wait_for(page, "alone")
     with page.expect_response("**/after?*moving=yes*"):
         page.get_by_role("button", name="It moved somehow").click()
@@ -92,8 +92,8 @@ def test_a_photo_with_lines_can_be_tried_as_if_the_camera_moved(page: Page, faca
     )
 
 
-def test_an_answer_that_comes_while_an_offer_is_pressed_does_not_lose_the_click(page: Page, facade: Path) -> None:
-    drop(page, facade)
+def test_an_answer_that_comes_while_an_offer_is_pressed_does_not_lose_the_click(page: Page, still_facade: Path) -> None:
+    drop(page, still_facade)
     wait_for(page, "alone")
     page.get_by_role("button", name="It moved somehow").hover()
     page.mouse.down()

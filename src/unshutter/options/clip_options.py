@@ -118,7 +118,7 @@ class ClipUndo:
         if self.edges == "borrow" and self.model != "dense":
             raise UsageError("{--edges} borrow needs {--model} dense: choose auto, keep, crop or fill without it")
         if self.edges == "crop" and self.model == "dense":
-            raise UsageError("{--model} dense cannot crop frames: choose {--edges} auto, borrow, keep or fill")
+            raise UsageError("{--model} dense cannot crop frames: choose {--edges} borrow, auto, keep or fill")
 
 
 @dataclass(frozen=True)

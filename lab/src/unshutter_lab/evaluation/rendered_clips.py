@@ -82,7 +82,8 @@ class RenderedClipCase(Case):
                 said: Record = {}
                 if method not in scores:
                     output = folder / f"{method}{_ENDING}"
-                    outcome = straighten(clip, output, *(_given(scene, folder) if method == GIVEN else ()))
+                    given = _given(scene, folder) if method == GIVEN else ()
+                    outcome = straighten(clip, output, "--edges", "fill", *given)  # the truth is not enlarged
                     scores[method] = _scores(output, truth, still, inner)
                     said = outcome_of(outcome) | {"corner_px": _corner_error(scene, outcome)}
                 about = {"shift_px": scene.shift_px, "true_ms": self.filming.readout_ms}
