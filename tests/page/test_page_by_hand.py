@@ -399,7 +399,9 @@ def test_a_photo_that_leans_is_levelled_by_as_much_as_is_offered(
     drop(page, tmp_path / "askew.png")
     wait_for(page, "alone")
     offer = page.locator("#adviceLevel")
-    angle = (offer.text_content() or "").removeprefix("Level it: turn it by ")
+    said = re.fullmatch(r"Level it: turn it by (\d\.\d°) ± \d\.\d°", offer.text_content() or "")
+    assert said is not None
+    angle = said[1]
     offer.click()
     wait_for(page, "changed")
     expect(page.locator(SAID)).to_contain_text(f"Levelled by {angle}.")

@@ -66,7 +66,10 @@ export class Advice {
     const directions = ways.map((way) => press(`advice-${way}`, words.ways[way], () => this.on.adviceWay(way)));
     const offers = advice.flatMap((name) => {
       if (name === "adviceWay") return [make("span", words.adviceWay), ...directions];
-      if (name === "adviceLevel") return [press(name, words.adviceLevel(result?.lean_deg ?? 0), this.on.adviceLevel)];
+      if (name === "adviceLevel") {
+        const said = words.adviceLevel(result?.lean_deg ?? 0, result?.lean_error_deg ?? 0);
+        return [press(name, said, this.on.adviceLevel)];
+      }
       if (name === "adviceAnyway" && options["min-confidence"] === "0") return [];
       if (name === "adviceNeighbour" && hasNeighbours) return [];
       return [button(name, this.on[name])];

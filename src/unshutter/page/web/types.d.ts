@@ -74,6 +74,7 @@ export interface PhotoResult {
   code?: string;
   advice?: Advised[];
   lean_deg?: number; // by how much levelling would turn it, where that is advised
+  lean_error_deg?: number; // standard deviation of that angle
   edges: Edges | null;
   whole: number | null;
   little_left: boolean;

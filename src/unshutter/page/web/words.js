@@ -138,7 +138,7 @@ export const words = {
   },
   adviceWay: "Which way did the camera move?",
   ways: { left: "← left", right: "right →", yes: "It moved somehow" },
-  adviceLevel: (deg) => `Level it: turn it by ${degrees(deg)}`,
+  adviceLevel: (deg, error) => `Level it: turn it by ${degrees(deg)} ± ${degrees(error)}`,
   adviceAnyway: "Straighten it even if unsure",
   adviceNeighbour: "Add the frame before or after…",
   adviceByHand: "By hand…",
