@@ -4,7 +4,7 @@
 # Behaviour: a Gyroflow text log (.gcsv) whose first sample is at 2.5 s comes out of telemetry() at 2.5 s, but out
 # of normalized_imu() at 0 ms: the time of the first sample is subtracted from all of them.
 # One would guess otherwise because "normalised" reads as units and axes (degrees a second, m/s2, the camera's
-# axes), not as a change of clock; both methods belong to one object, and no value tells the offset.
+# axes), not as a change of clock; both methods belong to one object, and normalized_imu() does not tell the offset.
 # Whom it hurts: who matches samples with frames by time. A logger that starts before or after the picture is
 # off by exactly that lead, which looks like a constant fault of synchronisation.
 set -e

@@ -2,7 +2,7 @@
 # lensfunpy 1.18.0 with its own database: correcting distortion also changes the scale of the picture's centre.
 #
 # Behaviour: the size of the step from one corrected pixel to the next, in pixels of the photo, at the centre is
-# 1.054 for a 28 mm prime and from .99 to 1.02 for others, with scale=1. (no scaling asked for). The four
+# 1.054 for a 28 mm prime and from .998 to 1.019 for others, with scale=1. (no scaling asked for). The four
 # coefficients of the "ptlens" model are normed to add up to one, so what stays in place is the circle that
 # touches the picture's longer sides, not the centre.
 # One would guess otherwise because the models of OpenCV and COLMAP keep the centre: their distortion goes to zero

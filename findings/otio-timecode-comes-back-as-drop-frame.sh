@@ -5,7 +5,7 @@
 # of that value writes "01:00:03;18": the time object forgets which count it came from, and the writer takes
 # drop-frame for these rates. 3 s 18 frames of difference per hour. At 23.976 the text comes back as it was.
 # One would guess otherwise because reader and writer are a pair, and the reader shows that the library knows both.
-# Whom it hurts: who carries a camera's start timecode through it (29.97 non-drop is usual in cameras): clips land
+# Whom it hurts: who carries a camera's start timecode of 29.97 non-drop through it: clips land
 # seconds away from their sound or their motion log, the more the later in the day.
 set -e
 work=$(mktemp -d)

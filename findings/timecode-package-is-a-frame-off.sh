@@ -1,7 +1,7 @@
 #!/bin/sh
 # timecode 1.5.1: seconds into and out of a timecode are one frame off, in opposite directions.
 #
-# Behaviour: Timecode("25", start_seconds=1) is 00:00:00:24, and float(Timecode("25", "00:00:01:00")) is 1.04, as is
+# Behaviour: Timecode("25", start_seconds=1) is 00:00:00:24, and Timecode("25", "00:00:01:00").float is 1.04, as is
 # to_realtime(). The package counts frames from 1, and uses that count as if it were elapsed time.
 # There and back gives the number one began with, so that a round trip as a test does not show it.
 # One would guess otherwise because midnight, 00:00:00:00, is zero seconds on every clock; here it is 0.04.
