@@ -48,7 +48,7 @@ def test_a_vibration_is_undone_by_the_log_not_by_pictures_and_kept_in_a_motion_f
     assert f"gyro log ({log.name}) used" in printed and "readout time" in printed
     assert clips.psnr(by_gyro, truth) > clips.psnr(by_pictures, truth) + 3
     out, _, _ = straighten(clip, "--motion", saved, "--edges", "fill")
-    assert clips.psnr(by_gyro, clips.luma(out), border=2) > 45
+    assert np.array_equal(by_gyro, clips.luma(out))
 
 
 def test_a_log_that_the_picture_does_not_follow_is_left_alone_and_named(tmp_path, straighten, shaken):

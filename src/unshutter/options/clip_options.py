@@ -103,9 +103,9 @@ class ClipUndo:
     edges: Edges = option(
         "auto",
         "Areas outside the original frame: auto enlarges all frames alike until none shows, by at most 5 %, and "
-        "repeats the border beyond that; if 1 % of the width or less is missing, and with {--save-motion}, it only "
-        "repeats the border. keep: black. crop: cut all frames alike. fill: a mirror image. borrow, with {--model} "
-        "dense: from the frames before and after. Default: auto.",
+        "repeats the border beyond that; if 1 % of the width or less is missing, it only repeats the border. "
+        "keep: black. crop: cut all frames alike. fill: a mirror image. borrow, with {--model} dense: from the frames "
+        "before and after. Default: auto.",
     )
     model: FrameModel = option(
         "camera",
@@ -262,14 +262,14 @@ class RectifyClip:
 
     @property
     def may_enlarge(self) -> bool:
-        """Whether frames may be enlarged to hide their borders; a saved motion keeps the frames' coordinates."""
-        return self.undo.edges == "auto" and self.save_motion is None
+        """Whether frames may be enlarged to hide their borders."""
+        return self.undo.edges == "auto"
 
     @property
     def may_be_copy(self) -> bool:
-        """Whether a clip in which nothing changes can be copied: no part, encoding or second output is asked for."""
+        """Whether a clip in which nothing changes can be copied: no part or encoding is asked for."""
         whole = self.start is None and self.end is None and self.encode == Encode()
-        return whole and self.save_motion is self.plot is None and not self.straight_lines
+        return whole and not self.straight_lines
 
     def span(self, duration_s: float) -> tuple[float, float]:
         """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute."""

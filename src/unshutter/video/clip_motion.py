@@ -18,6 +18,7 @@ from unshutter.video.clip import ClipRequest
 from unshutter.video.frame_map import View
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.pixels import Frame
+from unshutter.video.row_samples import as_kept, step_as_kept
 from unshutter.video.scene_check import SceneCheck
 from unshutter.video.work import Stage
 
@@ -60,7 +61,6 @@ def camera_motion(
     request: ClipRequest,
     time: ReadoutTime,
     turns: GyroTurns | None = None,
-    whole_path: bool = False,
     keep_out: int | None = None,
     focal_px: float | None = None,
     stage: Stage = Stage.FIT,
@@ -80,7 +80,7 @@ def camera_motion(
         window=window_for(request.clip.frame_bytes),
         fewest=FEWEST,
         turns=turns,
-        whole_path=whole_path,
+        whole_path=True,
         keep_out=keep_out,
         lens=request.lens,
         check=SceneCheck.of(time, request.clip.interval_s),
@@ -105,15 +105,15 @@ def with_motion(
     frames: Iterable[Frame],
     time: ReadoutTime,
     turns: GyroTurns | None = None,
-    whole_path: bool = False,
+    with_steps: bool = False,
 ) -> Iterator[MovingFrame]:
     """Yields the frames of a clip with their motion; they are delayed by some frames.
 
     Args:
         turns: the camera's rotation from a gyro; None to use only the frames.
-        whole_path: whether the camera's rotation is needed even where it is too small to be undone.
+        with_steps: whether the camera's rotation since the previous frame is needed.
     """
-    camera = camera_motion(request, time, turns, whole_path)
+    camera = camera_motion(request, time, turns)
     waiting: deque[Frame] = deque()
 
     def read() -> Iterator[Frame]:
@@ -124,8 +124,9 @@ def with_motion(
 
     last = None
     for motion, small in _bridged(camera.motions(grey_copies(request, read()))):
-        cut, step = last is not None and motion.scene != last.scene, motion.step_from(last)
-        yield MovingFrame(waiting.popleft(), small, cut=cut, step=step)
+        cut = last is not None and motion.scene != last.scene
+        step = step_as_kept(motion.step_from(last)) if with_steps else None
+        yield MovingFrame(waiting.popleft(), as_kept(small, request.lens), cut=cut, step=step)
         last = motion
 
 

@@ -201,10 +201,22 @@ def _copy(rendering: Rendering, film: _Output, plan: Leave) -> _Written:
     options = rendering.request.options
     request.work.expect(dict.fromkeys(Stage, 0))
     tally = Tally()
-    tally.frames = sum(1 for _ in watched(rendering)) if plan.frames is None else plan.frames
-    tally.reasons[plan.reason] = tally.frames
-    if not options.only_changed:
-        with written_whole(film.target, options.overwrite) as part:
+    with ExitStack() as stack:
+        motions = None
+        if options.save_motion is not None and not options.only_changed:
+            motions = stack.enter_context(_writing_motions(rendering, options.save_motion))
+        if plan.frames is None or motions is not None or options.plot is not None:
+            for moving in watched(rendering):
+                tally.add(moving)
+                if motions is not None:
+                    motions.add(moving)
+        else:
+            tally.frames = plan.frames
+            tally.reasons[plan.reason] = plan.frames
+        if motions is not None:
+            motions.end()
+        if not options.only_changed:
+            part = stack.enter_context(written_whole(film.target, options.overwrite))
             shutil.copyfile(request.clip.path, part)
     return _Written(tally, is_written=not options.only_changed)
 
@@ -257,7 +269,9 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
 
 
 @contextmanager
-def _writing_motions(rendering: Rendering, path: Path, is_wanted: Callable[[], bool]) -> Iterator[MotionWriter]:
+def _writing_motions(
+    rendering: Rendering, path: Path, is_wanted: Callable[[], bool] = lambda: True
+) -> Iterator[MotionWriter]:
     request = rendering.request
     written = written_whole(path, request.options.overwrite, is_wanted=is_wanted)
     with written as part, part.open("w", encoding="utf-8") as stream:

@@ -258,7 +258,7 @@ def _examined(
     steps = Steps(request.work, "judging", frames)
     for part in parts:
         before = None
-        finder = camera_motion(request, time, turns, True, _KEPT_OUT, focal_px, Stage.JUDGE)
+        finder = camera_motion(request, time, turns, _KEPT_OUT, focal_px, Stage.JUDGE)
         for motion in finder.motions(tracked_copies(request, part)):
             gain.add(before, motion, request.options.undo)
             before = motion

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TextIO
 
@@ -23,10 +22,10 @@ from unshutter.storage.files import read_text
 from unshutter.version import __version__
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_motion import GYRO_ROWS, ROWS, MovingFrame
+from unshutter.video.row_samples import STRIDE, RowSamples
 
 FORMAT = "unshutter-clip-motion/1"
-_STRIDE = 4  # the rotation of every fourth row is written
-_SAVED = tuple((rows - 1) // _STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # numbers of rotations per frame in a file
+_SAVED = tuple((rows - 1) // STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # numbers of rotations per frame in a file
 _LARGEST = 1 << 30  # bytes
 
 
@@ -79,15 +78,15 @@ class MotionWriter:
         motion = moving.motion
         record: JsonObject = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
         if isinstance(motion, RotationMotion):
-            rotations = motion.rotations[::_STRIDE]
-            record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(rotations, 9).tolist()}
+            kept = RowSamples.of(motion)
+            record |= {"focal": kept.focal_heights, "rotations_rad": kept.rotations.tolist()}
         else:
             reason = moving.found.reason
             record |= {"rotations_rad": None, "reason": "" if reason is None else str(reason)}
             record |= {} if reason is None else {"declined": reason.as_json()}
         if moving.step is not None:
             focal = moving.step.focal_heights
-            record["step"] = {"turn_rad": np.round(moving.step.turn, 9).tolist(), "focal": focal if focal > 0 else None}
+            record["step"] = {"turn_rad": moving.step.turn.tolist(), "focal": focal if focal > 0 else None}
         self._stream.write(self._separator + json.dumps(record))
         self._separator = ",\n"
 
@@ -134,12 +133,9 @@ def _parsed(data: JsonObject) -> ClipMotion:
         samples = np.array(frame["rotations_rad"], np.float64)
         if samples.shape not in [(saved, 3) for saved in _SAVED]:
             raise ValueError(f"rotations of shape {samples.shape}")
-        rotations = _between(len(samples)) @ samples
-        rotations -= rotations[0]
-        rows = len(rotations)
+        rows = (len(samples) - 1) * STRIDE + 1
         columns = max(1, round(frame_width * rows / frame_height))
-        focal_px = float(frame["focal"]) * rows
-        motions.append(Finding(RotationMotion(columns, rotations, focal_px, lens, readout=readout)))
+        motions.append(Finding(RowSamples(samples, float(frame["focal"]), columns, readout).motion(lens)))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")
@@ -158,18 +154,3 @@ def _step(frame: JsonObject) -> Step | None:
     if turn.shape != (3,) or not np.isfinite(turn).all():
         raise ValueError("a turn that is not three numbers")
     return Step(turn, np.nan if focal is None else float(focal))
-
-
-@cache
-def _between(saved: int) -> np.ndarray:
-    """[rows, saved] weights that interpolate all rows by cubics through four saved rows."""
-    rows = (saved - 1) * _STRIDE + 1
-    at = np.arange(rows) / _STRIDE
-    first = np.clip(np.floor(at).astype(int) - 1, 0, saved - 4)
-    weights = np.zeros((rows, saved))
-    for j in range(4):
-        factor = np.ones(rows)
-        for k in set(range(4)) - {j}:
-            factor *= (at - first - k) / (j - k)
-        weights[np.arange(rows), first + j] = factor
-    return weights

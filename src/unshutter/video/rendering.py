@@ -63,8 +63,8 @@ class Rendering:
         if self.path is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
             return self._with_known_motion(decoded)
         turns = self.camera.gyro and self.camera.gyro.turns
-        whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
-        moving = with_motion(self.request, decoded, self.camera.readout, turns, whole_path)
+        with_steps = options.steadiness.stabilize is not None or options.save_motion is not None
+        moving = with_motion(self.request, decoded, self.camera.readout, turns, with_steps)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
     def view(self, number: int) -> View | None:

@@ -29,6 +29,7 @@ from unshutter.reasons import JsonObject, Reason
 from unshutter.video.clip_motion import ROWS
 from unshutter.video.frame_map import SteadyView, borders_of, margins, undone_part, zoom_needed
 from unshutter.video.gain import TALL, is_visible
+from unshutter.video.row_samples import RowSamples
 
 _ROWS = 256  # rotations are weighted in px of a picture with this many rows
 _ROUNDS = 3  # of linearisation
@@ -41,7 +42,7 @@ _SHRINKS = 12  # bisection steps of the search for a rotation that fits
 
 @dataclass(eq=False)
 class CameraPath:
-    """The motion of the frames of a clip, in order: about 1 kB per frame, or 3 kB with a gyro."""
+    """The motion of the frames of a clip, in order: about 1 kB per frame, or 2 kB with a gyro."""
 
     undo: ClipUndo  # how their motion is undone
     readout: Readout  # direction in which stored pixels were read
@@ -56,7 +57,7 @@ class CameraPath:
     borders: list[Float32[np.ndarray, "4 9"]] = field(default_factory=list)
     # rotation since the previous frame, between middle rows; None if unknown
     middle_steps: list[Step | None] = field(default_factory=list)
-    _motions: list[_Rows | Reason | None] = field(default_factory=list)
+    _motions: list[RowSamples | Reason | None] = field(default_factory=list)
     _at_reference: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the last frame, from its middle row
 
     def __len__(self) -> int:
@@ -85,34 +86,15 @@ class CameraPath:
         self.focals.append(focal)
         self.borders.append(borders_of(undone_part(motion, self.undo), self.aspect))
         self.middle_steps.append(step)
-        self._motions.append(_Rows.of(motion) if isinstance(motion, RotationMotion) else found.reason)
+        self._motions.append(RowSamples.of(motion) if isinstance(motion, RotationMotion) else found.reason)
         self._at_reference = at_reference
 
     def finding(self, frame: int) -> Finding:
         """Returns the motion of a frame, first row as the reference; zero, with a reason, if it has none."""
         kept = self._motions[frame]
-        if isinstance(kept, _Rows):
+        if isinstance(kept, RowSamples):
             return Finding(kept.motion(self.lens))
         return Finding(RowMotion.zero(ROWS, ROWS), reason=kept)
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Compact storage of a rotation motion."""
-
-    rotations: Float32[np.ndarray, "rows 3"]
-    width: int
-    focal_px: float
-    readout: Readout
-
-    @classmethod
-    def of(cls, motion: RotationMotion) -> _Rows:
-        rotations = motion.rotations.astype(np.float32)
-        return cls(rotations, motion.width, motion.focal_px, motion.readout)
-
-    def motion(self, lens: Lens | None) -> RotationMotion:
-        rotations = self.rotations.astype(np.float64)
-        return RotationMotion(self.width, rotations, self.focal_px, lens, readout=self.readout)
 
 
 @dataclass(frozen=True, eq=False)
