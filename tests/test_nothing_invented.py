@@ -4,6 +4,7 @@ Photos are painted with their own coordinates: each pixel of a result tells wher
 exact geometry, that must be where the scene was seen, and in the photo; a mirrored or black pixel is somewhere else.
 """
 
+import math
 from pathlib import Path
 
 import cv2
@@ -114,6 +115,27 @@ def test_on_the_command_line_in_folders_and_on_the_page(tmp_path: Path, monkeypa
     col, row = backward_map(motion)
     told = (saved.pixels[0, 0, :2].astype(float) - _FIRST) / _STEP
     assert told == pytest.approx((col[round(top), round(left)], row[round(top), round(left)]), abs=0.3)
+
+
+@pytest.mark.parametrize("longest", [None, 570, 320, 97])
+@pytest.mark.parametrize(("height", "width"), SIZES)
+def test_small_copies_on_the_page_have_nothing_black_in_the_crop_or_next_to_it(
+    height: int, width: int, longest: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The crop cuts through their pixels, and a browser that enlarges them reads one beyond."""
+    path = tmp_path / "grey.png"
+    Photo.from_array(np.full((height, width, 3), 128, np.uint8)).save(path)
+    for number, motion in enumerate(drawn_motions(height, width)):
+        monkeypatch.setattr(photo_jobs, "_find_motion", lambda *_, motion=motion: Finding(motion))
+        opened = OpenFile(str(number), "photo", "grey.png", path, 10**9)
+        jpeg, shown = photo_jobs.after(opened, PhotoOptions(), longest)
+        pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+        if shown["crop"] is None:
+            continue
+        across, down = (np.array(shown["crop"]).reshape(2, 2) * pixels.shape[::-1]).T
+        left, top = (max(math.floor(each[0] + 1e-6) - 1, 0) for each in (across, down))
+        right, bottom = (math.ceil(each[1] - 1e-6) + 1 for each in (across, down))
+        assert pixels[top:bottom, left:right].min() > 100
 
 
 def test_sets_keep_their_coordinates_and_are_empty_where_nothing_was_seen(tmp_path: Path) -> None:

@@ -95,3 +95,21 @@ def test_the_photo_comes_first_and_saving_moves_nothing(page: Page, photo: Path,
         save.click()
     expect(page.locator("#notice")).to_be_visible()
     assert save.bounding_box() == place and page.locator("#stage").bounding_box() == box
+
+
+def test_a_neighbour_without_the_ratio_takes_a_usual_one(page: Page, tmp_path: Path) -> None:
+    scene = Scene()
+    for number in range(2):
+        Photo.from_array(scene.frame(number, 0.8)).save(tmp_path / f"frame{number}.png")
+    drop(page, tmp_path / "frame0.png")
+    wait_for(page, "changed|alone")
+    page.set_input_files("#choose-after", tmp_path / "frame1.png")
+    expect(page.locator(SAID)).to_contain_text("with the help of its neighbours")
+    expect(page.locator("#ratio")).to_have_value("0.5")
+    expect(page.locator("#neighbours")).to_contain_text("this is a usual value")
+    moved = page.locator(SAID).inner_text()
+    page.locator("#ratio").fill("0.8")
+    expect(page.locator("#ratio-number")).to_have_value("0.8")
+    expect(page.locator(SAID)).not_to_have_text(moved)
+    expect(page.locator("#neighbours")).not_to_contain_text("this is a usual value")
+    expect(page.locator("#advice")).to_be_hidden()

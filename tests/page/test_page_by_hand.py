@@ -4,7 +4,6 @@ import json
 import re
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -390,24 +389,6 @@ def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Pa
     wait_for(page, "changed")
 
 
-def test_a_photo_that_leans_is_levelled_by_as_much_as_is_offered(
-    page: Page, tmp_path: Path, facade: np.ndarray
-) -> None:
-    height, width = facade.shape[:2]
-    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 3, 1.15)  # larger, so that no corner is empty
-    Photo.from_array(cv2.warpAffine(facade, turn, (width, height))).save(tmp_path / "askew.png")
-    drop(page, tmp_path / "askew.png")
-    wait_for(page, "alone")
-    offer = page.locator("#adviceLevel")
-    said = re.fullmatch(r"Level it: turn it by (\d\.\d°) ± \d\.\d°", offer.text_content() or "")
-    assert said is not None
-    angle = said[1]
-    offer.click()
-    wait_for(page, "changed")
-    expect(page.locator(SAID)).to_contain_text(f"Levelled by {angle}.")
-    expect(page.locator("#upright")).to_have_value("level")
-
-
 def test_steps_by_hand_are_undone_one_by_one(page: Page, grey: Path) -> None:
     drop(page, grey)
     wait_for(page, "alone")
@@ -433,21 +414,3 @@ def test_steps_by_hand_are_undone_one_by_one(page: Page, grey: Path) -> None:
     undo.click()
     wait_for(page, "alone")
     expect(undo).to_be_disabled()
-
-
-def test_a_neighbour_without_the_ratio_takes_a_usual_one(page: Page, tmp_path: Path) -> None:
-    scene = Scene()
-    for number in range(2):
-        Photo.from_array(scene.frame(number, 0.8)).save(tmp_path / f"frame{number}.png")
-    drop(page, tmp_path / "frame0.png")
-    wait_for(page, "changed|alone")
-    page.set_input_files("#choose-after", tmp_path / "frame1.png")
-    expect(page.locator(SAID)).to_contain_text("with the help of its neighbours")
-    expect(page.locator("#ratio")).to_have_value("0.5")
-    expect(page.locator("#neighbours")).to_contain_text("this is a usual value")
-    moved = page.locator(SAID).inner_text()
-    page.locator("#ratio").fill("0.8")
-    expect(page.locator("#ratio-number")).to_have_value("0.8")
-    expect(page.locator(SAID)).not_to_have_text(moved)
-    expect(page.locator("#neighbours")).not_to_contain_text("this is a usual value")
-    expect(page.locator("#advice")).to_be_hidden()

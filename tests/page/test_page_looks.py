@@ -39,6 +39,34 @@ def test_the_sample_photo(page: Page) -> None:
     expect(page.locator(".sureness")).to_have_text("sure")  # in words, not per cent
     expect(page.locator("#panel .said")).not_to_contain_text("%.")
     expect(page.locator("#panel .said")).to_contain_text("Cut down to 8")
+    assert _black_at_the_rim(page) == 0
+    page.locator("#edges").select_option("keep")
+    expect(page.locator("#panel .said")).to_contain_text("stay empty")
+    wait_for(page, "changed")
+    assert _black_at_the_rim(page) > 100
+
+
+def _black_at_the_rim(page: Page) -> int:
+    """How many pixels are black, of those of the picture after that lie within 2 px of the border of what is shown."""
+    return page.locator(".layer.after img").evaluate(
+        """async image => {
+            await image.decode();
+            const frame = document.querySelector(".compare").getBoundingClientRect();
+            const all = image.getBoundingClientRect(), scale = image.naturalWidth / all.width;
+            const [left, right] = [frame.left - all.left, frame.right - all.left].map((px) => Math.round(px * scale));
+            const [top, bottom] = [frame.top - all.top, frame.bottom - all.top].map((px) => Math.round(px * scale));
+            const context = new OffscreenCanvas(image.naturalWidth, image.naturalHeight).getContext("2d");
+            context.drawImage(image, 0, 0);
+            const sides = [[left - 1, top - 1, right - left + 2, 3], [left - 1, bottom - 2, right - left + 2, 3],
+                [left - 1, top - 1, 3, bottom - top + 2], [right - 2, top - 1, 3, bottom - top + 2]];
+            const black = (side) => {
+                const { data } = context.getImageData(...side);
+                const dark = (k) => data[k + 3] && data[k] + data[k + 1] + data[k + 2] < 3;
+                return data.filter((_, k) => k % 4 === 0 && dark(k)).length;
+            };
+            return sides.reduce((sum, side) => sum + black(side), 0);
+        }"""
+    )
 
 
 def test_saving_says_what_was_saved_and_where(page: Page, photo: Path) -> None:

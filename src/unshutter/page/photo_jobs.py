@@ -45,10 +45,13 @@ if TYPE_CHECKING:
     from unshutter.motion import Motion
     from unshutter.motion.edges import EdgeDecision
     from unshutter.motion.finding import Finding
+    from unshutter.motion.grid import Tile
     from unshutter.motion.verdict import Verdict
     from unshutter.single.drawn_lines import DrawnLine
 
 _CURVE_POINTS = 41
+_RIM = 2  # px around a crop that a browser may blend with those in it
+_ROUNDED = 1e-6  # by which rounding may move a border between two pixels
 NAME = "by-hand"  # recorded as the estimator of motions set by hand
 
 
@@ -184,7 +187,7 @@ def _rectify_alone(
 ) -> tuple[np.ndarray, JsonObject]:
     """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
     from unshutter.motion.verdict import judge
-    from unshutter.motion.warp import edge_decision, straighten
+    from unshutter.motion.warp import edge_decision, straighten, validity_mask
 
     height, width = pixels.shape[:2]
     verdict = judge(finding.fit(height, width) if draft else finding, undo)
@@ -199,7 +202,10 @@ def _rectify_alone(
         decision = edge_decision(motion, undo.edges, upright)
         result = result | _edges_json(decision, (photo.height, photo.width), photo.orientation)
         motion = motion.resized(*motion.readout.frame_size(height, width))
-    return straighten(pixels, motion, "fill" if undo.edges == "fill" else "keep", upright=upright).pixels, result
+    shown = straighten(pixels, motion, "fill" if undo.edges == "fill" else "keep", upright=upright).pixels
+    if not draft and decision.edges == "crop":
+        shown = _rim_repeated(shown, validity_mask(motion, upright), decision.window, (photo.height, photo.width))
+    return shown, result
 
 
 def _rectify_between(
@@ -243,7 +249,40 @@ def _rectify_between(
     )
     if frame.edges == "borrow":
         decision = decision._replace(edges="borrow")
-    return frame.pixels, result | _edges_json(decision, frame.valid.shape, photo.orientation)
+    edges = _edges_json(decision, frame.valid.shape, photo.orientation)
+    pixels = (
+        frame.pixels
+        if edges["crop"] is None
+        else _rim_repeated(frame.pixels, frame.valid, decision.window, frame.valid.shape)
+    )
+    return pixels, result | edges
+
+
+def _rim_repeated(pixels: np.ndarray, seen: np.ndarray, window: Tile, size: tuple[int, int]) -> np.ndarray:
+    """Repeats the border of a crop's window outwards, into pixels [H, W, bands] of a small copy that nobody saw.
+
+    The window may cut through pixels of the copy, and a browser that enlarges the copy blends those next to the window
+    with those in it: none of them may be black.
+
+    Args:
+        seen: bool [H, W], the pixels that the photo or its neighbours show.
+        window: in the photo, of ``size`` height and width [px].
+    """
+    import numpy as np
+
+    def along(first: int, last: int, axis: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the places in and near the window, and for each the nearest one whose pixel lies in it entirely."""
+        scale = pixels.shape[axis] / size[axis]
+        low, high = math.ceil(first * scale - _ROUNDED), math.floor(last * scale + _ROUNDED)
+        places = np.arange(max(low - _RIM, 0), min(high + _RIM, pixels.shape[axis]))
+        return places, places.clip(low, max(high - 1, low))
+
+    rows, from_rows = along(window.top, window.bottom, 0)
+    cols, from_cols = along(window.left, window.right, 1)
+    near = np.ix_(rows, cols)
+    result = pixels.copy()
+    result[near] = np.where(seen[near][..., None], pixels[near], pixels[np.ix_(from_rows, from_cols)])
+    return result
 
 
 def _finding_json(verdict: Verdict) -> JsonObject:

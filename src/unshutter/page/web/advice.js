@@ -50,7 +50,8 @@ export class Advice {
     const decided = photo.byHand || options.strength === "0" || "candidate" in options;
     if (!result || result.changed || decided || !result.advice?.length) return lines;
     const [way, anyway] = [/** @type {Way} */ (options.moving), options["min-confidence"] === "0"];
-    const said = way || anyway ? words.tried(way, anyway, photo.candidates.length > 1) : words.declined;
+    const untried = result.advice.every((name) => name === "adviceLevel") ? words.heldAskew : words.declined;
+    const said = way || anyway ? words.tried(way, anyway, photo.candidates.length > 1) : untried;
     return [...lines, make("p", said), this.#offers(result.advice, photo)];
   }
 

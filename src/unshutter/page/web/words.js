@@ -126,6 +126,7 @@ export const words = {
   declined:
     "If something leans here, it may be perspective, or a camera held askew. If it is neither, say what you know, " +
     "or straighten it by hand.",
+  heldAskew: "The camera seems to have been held askew.",
   tried: (/** @type {keyof typeof waysOf | undefined} */ way, anyway, more) => {
     const how = `${way ? ` as if the camera moved${waysOf[way]}` : ""}${way && anyway ? "," : ""}`;
     const came = anyway
