@@ -6,6 +6,7 @@ import pytest
 
 from support import clips
 from support.covering import thorough
+from support.hand_held import pan
 from unshutter.options.clip_options import ClipUndo, RectifyClip, Shutter, Steadiness
 from unshutter.progress import ClipObserver
 from unshutter.video import work
@@ -87,3 +88,17 @@ def test_a_stage_that_is_left_out_shortens_the_rest(monkeypatch):
     assert notes.shares[-1] == pytest.approx(1 / 8 + 7 / 8 / 6)
     counted.finish()
     assert notes.shares[-1] == 1.0
+
+
+def test_a_search_for_the_readout_time_is_foreseen(tmp_path, monkeypatch):
+    """The camera moves too evenly for a regression to tell."""
+    totals = []
+
+    def noted(counted, stage, items=1, advance=Work.advance):
+        advance(counted, stage, items)
+        totals.append(counted._spent_s + counted._left_s)
+
+    monkeypatch.setattr(Work, "advance", noted)
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(60, pan())[1], "ffv1", "gray")
+    rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip())
+    assert max(totals) < 4 / 3 * totals[0]

@@ -68,7 +68,9 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
     else:
         frames = _frames_in(request, parts_s)
         judged = min(frames, gain.ALL) if gain.is_tested(request.options) else 0
-        request.work.expect({Stage.SURVEY: frames, Stage.JUDGE: gain.SOLVED * judged})
+        searched = frames if what == SEARCH else 0  # unless the regression is sure
+        expected = {Stage.SURVEY: frames, Stage.SEARCH: readout.SOLVED * searched, Stage.JUDGE: gain.SOLVED * judged}
+        request.work.expect(expected)
         steps = Steps(request.work, what, frames)
         evidence = (_survey_until_sure if what == SEARCH else survey)(request, parts_s, steps)
     direction = _other_direction(request, evidence)
@@ -78,6 +80,7 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
         camera, evidence = find_camera(request)
         return replace(camera, direction=direction), evidence
     camera = camera_from(request, evidence, log)
+    request.work.expect({Stage.SEARCH: 0})
     return camera, evidence.through(camera.lens)
 
 
@@ -88,7 +91,7 @@ def _survey_until_sure(request: ClipRequest, parts_s: _Parts, steps: Steps) -> S
     first = survey(request, parts_s[1::_SKIPPED], steps)
     shown = regression_in_survey(first)
     if shown is not None and (shown.is_none or shown.is_precise):
-        request.work.expect({Stage.SURVEY: 0})
+        request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: 0})
         return first
     others = [part for k, part in enumerate(parts_s) if k % _SKIPPED != 1]
     return first.with_parts(survey(request, others, steps))

@@ -30,7 +30,7 @@ _AGREE = 0.6  # least share of the parts' weight that agrees
 _FAST_SHARE = 95  # percentile of the background corners' speed that is used
 _LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more, there is no bound
 _ROUNDING_PX = 0.05
-_SOLVED = 55  # how often a pair of frames is part of a fit, usually
+SOLVED = 55  # how often a pair of frames is part of a fit, usually
 
 
 def regression_in_survey(evidence: Survey) -> Regression | None:
@@ -69,7 +69,7 @@ def time_in_survey(request: ClipRequest, evidence: Survey) -> ReadoutTime:
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
     runs = [_longest_run(part) for part in _parts(evidence)]
     count = request.work.counts(Stage.SEARCH)
-    request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: _SOLVED * sum(len(run.pairs) for run in runs)})
+    request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: SOLVED * sum(len(run.pairs) for run in runs)})
     for run in runs:
         if len(run.pairs) >= _FEWEST:
             focal = request.focal and request.focal * ROWS
