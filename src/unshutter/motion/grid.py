@@ -200,7 +200,7 @@ class SamplingGrid:
         """Whether positions, counted from left and top, are inside the picture or up to ``beyond`` px outside; bool."""
         right = self.width - 1 - left
         bottom = self.height - 1 - top
-        slack = max(beyond, _INSIDE_SLACK)
+        slack = beyond + _INSIDE_SLACK
         within_width = (col >= -left - slack) & (col <= right + slack)
         return within_width & (row >= -top - slack) & (row <= bottom + slack)
 
