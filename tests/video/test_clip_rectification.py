@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -20,6 +21,7 @@ from unshutter.reasons import Code, Reason
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.frame_warper import Warper
 
 FRAMES = 16
 CAMERA, GREYS = clips.moving(FRAMES)
@@ -140,6 +142,34 @@ def test_frames_come_closer_to_what_a_global_shutter_saw(tmp_path, name):
     if name == "h264-full-range":
         was, now = ((a * 219 / 255 + 16) for a in (was, now))
     assert clips.psnr(now, truth) > clips.psnr(was, truth) + 5
+
+
+ALPHA = Kind(".mov", "prores_ks", "yuva444p10le", {"options": {"profile": "4444"}}, ())
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        KINDS["h264-turned"],
+        KINDS["prores"],
+        thorough(ALPHA),
+        *(thorough(KINDS[name]) for name in ("h264-422-10", "h264-uneven", "hevc-hdr", "av1", "mjpeg-avi", "webm")),
+    ],
+)
+def test_by_default_no_pixel_lies_outside_what_its_frame_saw(tmp_path, monkeypatch, capsys, kind):
+    outside = []
+
+    def noted(warper, frame, frame_map, warped=Warper._warped):
+        for _, at in frame_map.positions(1, 1):
+            sides = ((-each.min(), each.max() - size + 1) for each, size in zip(at, (width, height), strict=True))
+            outside.append(max(map(max, sides)))
+        return warped(warper, frame, frame_map)
+
+    monkeypatch.setattr(Warper, "_warped", noted)
+    height, width = clips.HEIGHT, clips.WIDTH
+    straighten(make(tmp_path, kind), "--edges", "auto", *kind.flags)
+    assert outside and max(outside) <= 1.05
+    assert re.search(r"all frames enlarged by \d\.\d %", capsys.readouterr().err)
 
 
 def test_a_camera_that_stood_still_leaves_its_frames_alone(tmp_path):
