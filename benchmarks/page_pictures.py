@@ -8,6 +8,7 @@ Shown are the photos and the clip that the repository ships (examples/README.md 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -72,23 +73,30 @@ def save(page: Page, name: str) -> None:
     page.context.close()
 
 
+def draw_all(browser: Browser, server: subprocess.Popen[str]) -> None:
+    assert server.stdout is not None
+    link = server.stdout.readline().split()[1]
+    save(opened(browser, link, 1440, 900, "light"), "page")
+    tablet = opened(browser, link, 1024, 768, "dark")
+    draw_uprights(tablet)
+    save(tablet, "page_by_hand")
+    save(opened(browser, link, 390, 844, "light"), "page_phone")
+    save(opened_clip(browser, link, 1280, 860), "page_clip")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--browser", default="/usr/bin/chromium")
+    parser.add_argument("--browser", default=shutil.which("chromium") or shutil.which("chromium-headless-shell"))
     given = parser.parse_args()
     command = [sys.executable, "-m", "unshutter", "serve", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, sync_playwright() as playwright:
-        assert process.stdout is not None
-        link = process.stdout.readline().split()[1]
+    with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=given.browser, args=["--no-sandbox"])
-        save(opened(browser, link, 1440, 900, "light"), "page")
-        tablet = opened(browser, link, 1024, 768, "dark")
-        draw_uprights(tablet)
-        save(tablet, "page_by_hand")
-        save(opened(browser, link, 390, 844, "light"), "page_phone")
-        save(opened_clip(browser, link, 1280, 860), "page_clip")
-        browser.close()
-        process.terminate()
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            draw_all(browser, server)
+        finally:
+            server.terminate()
+            browser.close()
 
 
 if __name__ == "__main__":
