@@ -6,6 +6,7 @@ import pytest
 from support import clips
 from support.hand_held import log_of, pan, still
 from unshutter.options.clip_options import RectifyClip, Shutter
+from unshutter.progress import ClipObserver
 from unshutter.reasons import Code
 from unshutter.video import cameras, gain
 from unshutter.video.camera import find_camera
@@ -13,8 +14,10 @@ from unshutter.video.cameras import CameraMode
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_facts import look
 from unshutter.video.gain import FrameSteps, Gain, gain_of_clip
+from unshutter.video.plan import Leave, make_plan
 from unshutter.video.readout_regression import PairMotion
 from unshutter.video.survey import survey
+from unshutter.video.work import Stage, Work
 
 FRAMES = 24
 
@@ -118,6 +121,37 @@ def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path
         assert told.declined() is None and after < before / 2 and middle > 10 * error
     else:
         assert told.declined() is not None and after > before and middle < 0
+
+
+class _Shares(ClipObserver):
+    def __init__(self):
+        self.noted: list[float] = []
+
+    def note_share(self, share, left_s):
+        self.noted.append(share)
+
+
+def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, monkeypatch):
+    monkeypatch.setattr(gain, "RUN", 16)
+    monkeypatch.setattr(gain, "ALL", 3 * 16)
+    clip = look(str(clips.write(tmp_path / "in.mkv", clips.truth(clips.moving(60)[0]), "ffv1")))
+    expected: list[dict[Stage, int]] = []
+    done: list[Stage] = []
+    expect = Work.expect
+    advance = Work.advance
+    monkeypatch.setattr(Work, "expect", lambda work, items: expected.append(items) or expect(work, items))
+    monkeypatch.setattr(Work, "advance", lambda work, stage, items=1: done.append(stage) or advance(work, stage, items))
+    shares = _Shares()
+    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)), shares)
+    plan = make_plan(request)[2]
+    assert isinstance(plan, Leave) and plan.frames == 60
+    assert expected[0][Stage.SURVEY_ALL] == 15 and expected[0][Stage.JUDGE_ALL] == 15 * gain.SOLVED
+    again = next(items for items in expected[1:] if items.get(Stage.SURVEY_ALL))
+    assert again[Stage.SURVEY_ALL] == 60 and again[Stage.JUDGE_ALL] == 60 * gain.SOLVED
+    assert done.count(Stage.SURVEY_ALL) == 60 and done.count(Stage.JUDGE_ALL) > 0
+    second = done.index(Stage.SURVEY_ALL)
+    assert shares.noted == sorted(shares.noted) and shares.noted[second - 1] < 0.9
+    assert len(set(shares.noted[second:])) == len(done) - second
 
 
 @pytest.mark.parametrize(("after", "declined"), [(0.97, Code.NO_GAIN), (0.90, None)])

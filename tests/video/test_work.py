@@ -90,6 +90,25 @@ def test_a_stage_that_is_left_out_shortens_the_rest(monkeypatch):
     assert notes.shares[-1] == 1.0
 
 
+def test_a_stage_that_takes_more_for_each_frame_than_usual_keeps_its_part(monkeypatch):
+    notes = _worked(monkeypatch, {Stage.JUDGE: 20}, [])
+    counted = Work(notes, 1.0)
+    counted.expect({Stage.JUDGE: 20})
+    for done in range(1, 11):  # of 10 frames, each of which takes 4 fits instead of 2
+        for _ in range(4):
+            counted.advance(Stage.JUDGE)
+        counted.expect_as_before(Stage.JUDGE, done, 10 - done)
+    assert notes.shares[3] == pytest.approx(4 / 20) and notes.shares[4] == pytest.approx(4 / 20 + 16 / 20 / 36)
+    assert notes.shares[3:24:4] == pytest.approx([0.2 + 0.8 * k / 9 for k in range(6)])
+
+
+def test_fits_leave_some_of_the_bar_until_they_are_done(monkeypatch):
+    """A window of frames may take all the fits that were expected of the clip, and go on."""
+    notes = _worked(monkeypatch, {Stage.JUDGE: 20}, [Stage.JUDGE] * 40)
+    assert notes.shares[12] == pytest.approx(13 / 20) and 0.85 < notes.shares[-1] < 0.97
+    assert min(later - earlier for earlier, later in zip(notes.shares, notes.shares[1:], strict=False)) > 0.002
+
+
 def test_a_search_for_the_readout_time_is_foreseen(tmp_path, monkeypatch):
     """The camera moves too evenly for a regression to tell."""
     totals = []

@@ -33,6 +33,7 @@ from unshutter.video.work import Stage, Steps
 _LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
 _UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
 _SKIPPED, _AT_FIRST = 3, 4  # every third part of a clip is surveyed first, if these are as many as four
+_ALL_ASKED = 0.25  # how likely all frames of a clip are asked: enough for the time that is left to be right either way
 
 _Parts = Sequence[tuple[float | None, float | None]]
 
@@ -67,10 +68,13 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
         evidence = survey(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
     else:
         frames = _frames_in(request, parts_s)
-        judged = min(frames, gain.ALL) if gain.is_tested(request.options) else 0
         searched = frames if what == SEARCH else 0  # unless the regression is sure
-        expected = {Stage.SURVEY: frames, Stage.SEARCH: readout.SOLVED * searched, Stage.JUDGE: gain.SOLVED * judged}
-        request.work.expect(expected)
+        asked = _ALL_ASKED * request.frames
+        judging = gain.expected(request, frames, asked)
+        is_whole = list(parts_s) == [(request.options.start, request.options.end)]
+        again = 0 if is_whole or not judging[Stage.JUDGE] else round(asked)
+        surveys = {Stage.SURVEY: frames, Stage.SEARCH: readout.SOLVED * searched, Stage.SURVEY_ALL: again}
+        request.work.expect(surveys | judging)
         steps = Steps(request.work, what, frames)
         evidence = (_survey_until_sure if what == SEARCH else survey)(request, parts_s, steps)
     direction = _other_direction(request, evidence)

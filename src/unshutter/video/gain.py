@@ -28,7 +28,7 @@ from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_motion import camera_motion, small_finding
+from unshutter.video.clip_motion import camera_motion, small_finding, window_for
 from unshutter.video.frame_map import undone_part
 from unshutter.video.gyro_fit import GyroTurns
 from unshutter.video.readout_regression import PairMotion, fit_robustly
@@ -235,6 +235,19 @@ def is_tested(options: RectifyClip) -> bool:
     return options.undo.model == "camera" and 0 < options.undo.strength <= 1
 
 
+def expected(request: ClipRequest, surveyed: int, all_frames: float) -> dict[Stage, int]:
+    """Returns how many items of its stages it takes to judge a clip; none if that is not done.
+
+    Args:
+        surveyed: number of frames that are judged first, unless they are more than enough.
+        all_frames: number of frames of the clip, times how likely all of them are asked.
+    """
+    is_judged = is_tested(request.options) and request.options.shutter.readout_time(request.clip.interval_s) is None
+    first = min(surveyed, ALL) if is_judged else 0
+    further = round(all_frames) if is_judged and request.frames > ALL else 0
+    return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}
+
+
 def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, evidence: Survey) -> Gain:
     """Finds what undoing the motion of a clip gains: from some 60 pairs of its tracked frames or, if these are all
     frames and it is to be left, from all.
@@ -244,28 +257,34 @@ def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | Non
     gain = _examined(request, time, turns, evidence.runs(RUNS, RUN))
     if gain.declined(SURE_OF_FEW) is None or not evidence.is_whole:
         return gain
-    return _examined(request, time, turns, evidence.parts)
+    return _examined(request, time, turns, evidence.parts, Stage.JUDGE_ALL)
 
 
 def _examined(
-    request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, parts: Sequence[Sequence[TrackedFrame]]
+    request: ClipRequest,
+    time: ReadoutTime,
+    turns: GyroTurns | None,
+    parts: Sequence[Sequence[TrackedFrame]],
+    stage: Stage = Stage.JUDGE,
 ) -> Gain:
     """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
     gain = Gain()
     focal_px = None
     frames = sum(map(len, parts))
-    request.work.expect({Stage.SURVEY: 0, Stage.JUDGE: SOLVED * frames})
+    window = window_for(request.clip.frame_bytes)
+    request.work.expect({Stage.SURVEY: 0, stage: SOLVED * frames})
     steps = Steps(request.work, "judging", frames)
     for part in parts:
         before = None
-        finder = camera_motion(request, time, turns, _KEPT_OUT, focal_px, Stage.JUDGE)
+        finder = camera_motion(request, time, turns, _KEPT_OUT, focal_px, stage)
         for motion in finder.motions(tracked_copies(request, part)):
             gain.add(before, motion, request.options.undo)
             before = motion
             steps.advance()
+            request.work.expect_as_before(stage, gain.frames + window.core + window.ahead, frames - gain.frames)
             if motion.fit is not None:
                 focal_px = motion.fit.focal_px * motion.height / ROWS
-    request.work.expect({Stage.JUDGE: 0})
+    request.work.expect({stage: 0})
     return gain
 
 

@@ -8,6 +8,7 @@ from typing import TypeAlias
 from unshutter.errors import UnshutterError
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
+from unshutter.video import gain
 from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest
 from unshutter.video.gain import gain_of_clip, is_tested
@@ -57,8 +58,10 @@ def plan_by_all(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> P
     if isinstance(plan, Undo) or camera.readout.declined is not None or evidence.is_whole:
         return plan
     span_s = request.options.start, request.options.end
-    request.work.expect({Stage.SURVEY: request.frames})
-    return plan_from(request, camera, survey(request, [span_s], request.steps("looking")).through(camera.lens))
+    request.work.expect({Stage.SURVEY_ALL: request.frames} | gain.expected(request, request.frames, request.frames))
+    every = survey(request, [span_s], request.steps("looking"), Stage.SURVEY_ALL)
+    request.work.expect({Stage.SURVEY_ALL: 0})
+    return plan_from(request, camera, every.through(camera.lens))
 
 
 def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:

@@ -93,13 +93,17 @@ class Survey:
 
 
 def survey(
-    request: ClipRequest, parts_s: Sequence[tuple[float | None, float | None]], steps: Steps | None = None
+    request: ClipRequest,
+    parts_s: Sequence[tuple[float | None, float | None]],
+    steps: Steps | None = None,
+    stage: Stage = Stage.SURVEY,
 ) -> Survey:
     """Decodes parts of a clip, and tracks corners in them.
 
     Args:
         parts_s: begin and end of each part [s], in order and apart; None means no limit.
         steps: counts the frames.
+        stage: as what they are counted.
     """
     parts = []
     for start, end in parts_s:
@@ -114,7 +118,7 @@ def survey(
                 since = request.clip.since(before, frame)
                 tracked = TrackedFrame(tracked.time_s, since, follow(grey_before, grey), plane_before)
             part.append(tracked)
-            request.work.advance(Stage.SURVEY)
+            request.work.advance(stage)
             before = frame
             grey_before = grey
             plane_before = tracked.background

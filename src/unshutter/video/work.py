@@ -22,6 +22,8 @@ class Stage(Enum):
     ALIGN = "pairs of frames that are aligned with a gyro log, each round"
     SEARCH = "pairs of frames in a fit for the readout time"
     JUDGE = "pairs of frames in a fit that tells what undoing the motion gains"
+    SURVEY_ALL = "frames in which corners are tracked, before a clip is left by what some of its frames show"
+    JUDGE_ALL = "pairs of frames in a fit that tells the gain then"
     FOLLOW = "frames in which corners are tracked, to find their motion"
     FIT = "pairs of frames in a fit that finds their motion"
     READ = "frames whose motion is known"
@@ -37,6 +39,8 @@ _COSTS_S = {
     Stage.ALIGN: (0.0005, 0.0),
     Stage.SEARCH: (0.0006, 0.0),
     Stage.JUDGE: (0.0013, 0.0),
+    Stage.SURVEY_ALL: (0.010, 0.003),
+    Stage.JUDGE_ALL: (0.0013, 0.0),
     Stage.FOLLOW: (0.010, 0.003),
     Stage.FIT: (0.0013, 0.0),
     Stage.READ: (0.001, 0.005),
@@ -44,6 +48,12 @@ _COSTS_S = {
     Stage.DRAW: (0.001, 0.025),
     Stage.ENCODE: (0.001, 0.030),
 }
+
+
+# of these it is known how many frames they are for, but not how many fits each takes: until they are stated to be done,
+# half as many are expected as were done
+_GUESSED = {Stage.SEARCH, Stage.JUDGE, Stage.JUDGE_ALL}
+_MORE_OF_GUESSED = 0.5
 
 
 class Work:
@@ -60,7 +70,7 @@ class Work:
         self.observer = observer
         self._costs_s = {stage: once + more * megapixels for stage, (once, more) in _COSTS_S.items()}
         self._left = dict.fromkeys(Stage, 0)  # number of items
-        self._done = dict.fromkeys(Stage, 0)
+        self._done = dict.fromkeys(Stage, 0)  # number of items since the stage was expected
         self._share = 0.0
         self._spent_s = 0.0  # cost of what is done
         self._began_s = time.monotonic()
@@ -70,12 +80,25 @@ class Work:
         """States how many items are left of some stages; of the others, as many as before."""
         with self._one_at_a_time:
             self._left |= items
+            self._done |= dict.fromkeys(items, 0)
+
+    def expect_as_before(self, stage: Stage, done: int, left: int) -> None:
+        """States that the frames that are left take as many items each as those that were begun since ``expect`` did.
+
+        Args:
+            done: number of frames that were begun, at least 1.
+            left: number of frames that are not done.
+        """
+        with self._one_at_a_time:
+            self._left[stage] = round(self._done[stage] * left / done)
 
     def advance(self, stage: Stage, items: int = 1) -> None:
         """Counts items of a stage that are done."""
         with self._one_at_a_time:
             self._done[stage] += items
-            if self._left[stage] < items:
+            if stage in _GUESSED:
+                self._left[stage] = max(self._left[stage], items + int(_MORE_OF_GUESSED * self._done[stage]))
+            elif self._left[stage] < items:
                 self._left[stage] = items + int(_MORE * self._done[stage])
             cost_s = self._costs_s[stage] * items
             self._share += (1 - self._share) * cost_s / self._left_s
