@@ -22,7 +22,7 @@ from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import copy_side, link, render_moment
 from unshutter.frames.sequence_rectification import rectify_between
 from unshutter.options import Clock, FrameModel, Undo
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 
 SIZES = ((480, 640), (3000, 4000))
@@ -68,7 +68,7 @@ def measure(height: int, width: int, rounds: int) -> None:
     known = link(*small)
 
     def whole(model: FrameModel | None) -> None:
-        how = SequenceOptions(Clock(RATIO), Undo("first", edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
+        how = SequenceOptions(Clock(RATIO), Undo("first", edges="keep"), ScanDirection.TOP_TO_BOTTOM, model=model)
         rectify_between(Photo.from_array(pixels[0]), None, Photo.from_array(pixels[1]), how)
 
     print(f"{width}x{height}")

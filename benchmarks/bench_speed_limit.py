@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 
 from unshutter.photo import Photo
-from unshutter.photo.exposure import PHONE
+from unshutter.photo.readout_times import PHONE
 from unshutter.single.sharpness import EdgeWidths, speed_limit
 
 

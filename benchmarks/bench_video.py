@@ -2,7 +2,7 @@
 
     python benchmarks/bench_video.py CLIP [--preset veryfast] [--ratio 0.6] [--model camera] [--runs 5]
 
-The floor is one Python process that decodes the clip's film, warps the three planes of every frame by the identity
+The floor is one Python process that decodes the clip's video, warps the three planes of every frame by the identity
 (bicubic remap, maps made once) and encodes it with the same settings: decoding, warping and encoding beside each
 other, as unshutter does it. It copies no sound. Both run in turn after a warm-up; ratios are taken pair by pair, since
 machines are noisy. Processor time (user and system, all threads) stands beside, which other work disturbs less.
@@ -33,16 +33,16 @@ from unshutter.video.pixels import PixelFormat
 cv2.setNumThreads(1)
 source, out, preset, threads = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
 reader = av.open(source)
-film = reader.streams.video[0]
-film.thread_type = "AUTO"
-pixels = PixelFormat.of(film.codec_context.format)
+video = reader.streams.video[0]
+video.thread_type = "AUTO"
+pixels = PixelFormat.of(video.codec_context.format)
 writer = av.open(out, "w")
-name = {"h264": "libx264", "hevc": "libx265"}[film.codec_context.name]
-made = writer.add_stream(name, rate=film.guessed_rate, options={"preset": preset, "crf": "18"})
-made.width, made.height, made.pix_fmt = film.width, film.height, film.pix_fmt
+name = {"h264": "libx264", "hevc": "libx265"}[video.codec_context.name]
+made = writer.add_stream(name, rate=video.guessed_rate, options={"preset": preset, "crf": "18"})
+made.width, made.height, made.pix_fmt = video.width, video.height, video.pix_fmt
 if name == "libx265":
     made.options["x265-params"] = "log-level=error"
-made.codec_context.time_base = film.time_base
+made.codec_context.time_base = video.time_base
 maps = {}
 
 def warped(frame):
@@ -55,7 +55,7 @@ def warped(frame):
     new.pts, new.time_base = frame.pts, frame.time_base
     return new
 
-for frame in side_by_side(warped, ahead(reader.decode(film), 2), threads):
+for frame in side_by_side(warped, ahead(reader.decode(video), 2), threads):
     writer.mux(made.encode(frame))
 writer.mux(made.encode(None))
 writer.close()
@@ -70,7 +70,7 @@ from contextlib import closing
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_warper import Warper
 from unshutter.video.plan import Undo
@@ -85,7 +85,7 @@ options = RectifyClip(
     encode=Encode(preset=preset, crf=18),
     overwrite=True,
 )
-clip = look(source)
+clip = read_clip_facts(source)
 request = ClipRequest.of(clip, options)
 rendering = Rendering(request, ClipCamera(ReadoutTime(ratio * clip.interval_s)), Undo())
 

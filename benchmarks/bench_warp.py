@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def draw_photo(path: Path, megapixels: float) -> Path:
-    """A 4:3 JPEG with edges and film grain, so that decoding and encoding cost what a photo's do."""
+    """A 4:3 JPEG with edges and video grain, so that decoding and encoding cost what a photo's do."""
     import pyvips
 
     height = round((megapixels * 1e6 * 3 / 4) ** 0.5)

@@ -33,8 +33,8 @@ EXTRAS = {
 # name and ending of the source -> ffmpeg's options; {srt}, {png}, {jpg} and {ttf} are files
 SOURCES = {
     **{
-        name: f"{film} {sound}"
-        for name, film, sound in (
+        name: f"{video} {sound}"
+        for name, video, sound in (
             ("mjpeg-u8.avi", "-c:v mjpeg -pix_fmt yuvj420p", "-c:a pcm_u8"),
             ("mjpeg-422.avi", "-c:v mjpeg -pix_fmt yuvj422p", "-c:a pcm_s16le"),
             ("xvid-mp3.avi", "-c:v mpeg4 -vtag XVID -bf 0", "-c:a libmp3lame"),
@@ -90,7 +90,7 @@ SOURCES = {
 
 
 def made(folder: Path, name: str) -> Path:
-    """Makes a source of two inputs, film and sound, and returns its path."""
+    """Makes a source of two inputs, video and sound, and returns its path."""
     target = folder / name
     seconds = FRAMES / 30
     files = {kind: folder / f"extra.{kind}" for kind in ("srt", "ffmeta", "png", "jpg", "ttf")}
@@ -135,10 +135,12 @@ def contents(path: Path) -> Counter:
 
 
 def sound_s(path: Path) -> float:
-    """Length of the sound in a file [s]; decodes all of it and the film."""
-    with av.open(str(path)) as film:
+    """Length of the sound in a file [s]; decodes all of it and the video."""
+    with av.open(str(path)) as video:
         frames = [
-            frame for frame in film.decode(*film.streams.video, *film.streams.audio) if isinstance(frame, av.AudioFrame)
+            frame
+            for frame in video.decode(*video.streams.video, *video.streams.audio)
+            if isinstance(frame, av.AudioFrame)
         ]
         return sum(frame.samples / frame.sample_rate for frame in frames)
 

@@ -22,9 +22,9 @@ def measured(path: str) -> tuple[float, float, float, float]:
     """Shake [px], turn [px], jelly [px] and PSNR [dB] of a clip."""
     moves, off, likeness, before = [], [], [], None
     with av.open(path) as clip:
-        film = clip.streams.video[0]
-        rate = float(film.average_rate or 30)
-        for frame in clip.decode(film):
+        video = clip.streams.video[0]
+        rate = float(video.average_rate or 30)
+        for frame in clip.decode(video):
             grey = frame.to_ndarray(format="gray")
             if before is not None:
                 move = _similarity(before, grey)

@@ -85,12 +85,12 @@ def main() -> None:
     (HERE / "burst").mkdir(exist_ok=True)
     for name, frame in zip("abc", seen(burst(), noise=2.0), strict=True):
         Photo.from_array(frame).save(HERE / "burst" / f"{name}.jpg", overwrite=True, quality=90)
-    with av.open(str(HERE / "walk.mp4"), "w", options={"movflags": "faststart"}) as film:
-        stream = film.add_stream("libx264", Fraction(FPS), options={"crf": "21", "preset": "slow"})
+    with av.open(str(HERE / "walk.mp4"), "w", options={"movflags": "faststart"}) as video:
+        stream = video.add_stream("libx264", Fraction(FPS), options={"crf": "21", "preset": "slow"})
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         for frame in seen(walk(), noise=1.0):
-            film.mux(stream.encode(av.VideoFrame.from_ndarray(frame, "rgb24")))
-        film.mux(stream.encode(None))
+            video.mux(stream.encode(av.VideoFrame.from_ndarray(frame, "rgb24")))
+        video.mux(stream.encode(None))
 
 
 if __name__ == "__main__":

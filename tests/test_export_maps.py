@@ -10,7 +10,7 @@ import pytest
 import unshutter
 from support.covering import covering
 from support.drawn_photos import one_line, textured
-from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError, errors
+from unshutter import Motion, RowMotion, ScanDirection, UnshutterError, UsageError, errors
 from unshutter.cli import main
 from unshutter.export import PixelMap, map_file
 from unshutter.motion.warp import validity_mask
@@ -21,9 +21,9 @@ HEIGHT, WIDTH = 150, 200
 
 
 def shake(readout: str = "top-to-bottom", **about) -> Motion:
-    direction = Readout(readout)
+    direction = ScanDirection(readout)
     height, width = direction.frame_size(HEIGHT, WIDTH)
-    return RowMotion.from_polynomials([0, 14, -5], [0, -0.02, 0.06], height, width, readout=direction, **about)
+    return RowMotion.from_polynomials([0, 14, -5], [0, -0.02, 0.06], height, width, scan_direction=direction, **about)
 
 
 def stored(tmp_path: Path, motion: Motion) -> Path:
@@ -55,8 +55,8 @@ def core(mask: np.ndarray) -> np.ndarray:
     return cv2.erode(mask.astype(np.uint8), np.ones((7, 7)), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
 
 
-@pytest.mark.parametrize("readout", [*Readout])
-def test_opencv_with_the_npz_rectifies(tmp_path: Path, readout: Readout) -> None:
+@pytest.mark.parametrize("readout", [*ScanDirection])
+def test_opencv_with_the_npz_rectifies(tmp_path: Path, readout: ScanDirection) -> None:
     rs, motion = textured(HEIGHT, WIDTH), shake(readout)
     assert main(["map", str(stored(tmp_path, motion)), "-o", str(tmp_path / "m.npz")]) == 0
     with np.load(tmp_path / "m.npz") as maps:
@@ -72,8 +72,8 @@ def test_opencv_with_the_npz_rectifies(tmp_path: Path, readout: Readout) -> None
     assert np.abs(rs.astype(int) - expected)[seen].mean() > 5
 
 
-@pytest.mark.parametrize(("suffix", "readout"), covering([".exr", ".tif"], [*Readout]))
-def test_an_st_map_rectifies(tmp_path: Path, readout: Readout, suffix: str) -> None:
+@pytest.mark.parametrize(("suffix", "readout"), covering([".exr", ".tif"], [*ScanDirection]))
+def test_an_st_map_rectifies(tmp_path: Path, readout: ScanDirection, suffix: str) -> None:
     if suffix == ".exr":
         pytest.importorskip("OpenEXR")
     rs, motion, path = textured(HEIGHT, WIDTH), shake(readout), tmp_path / f"m{suffix}"
@@ -96,8 +96,8 @@ def test_the_st_map_of_no_motion_is_the_ramp_that_nuke_users_write() -> None:
     assert (st[..., 2] == 1).all()
 
 
-@pytest.mark.parametrize("readout", [*Readout])
-def test_map_and_inverse_undo_each_other(tmp_path: Path, readout: Readout) -> None:
+@pytest.mark.parametrize("readout", [*ScanDirection])
+def test_map_and_inverse_undo_each_other(tmp_path: Path, readout: ScanDirection) -> None:
     motion = stored(tmp_path, shake(readout))
     assert main(["map", str(motion), "-o", str(tmp_path / "to.npz")]) == 0
     assert main(["map", str(motion), "-o", str(tmp_path / "back.npz"), "--inverse"]) == 0
@@ -158,7 +158,7 @@ def test_maps_are_for_stored_pixels_whatever_the_orientation(tmp_path: Path, rol
 def test_size_scales_the_map(tmp_path: Path, readout: str) -> None:
     motion = stored(tmp_path, shake(readout))
     small = map_file(motion, tmp_path / "small.npz", size=f"{WIDTH // 2}x{HEIGHT // 2}")
-    assert small.motion.readout.frame_size(small.motion.height, small.motion.width) == (HEIGHT // 2, WIDTH // 2)
+    assert small.motion.scan_direction.frame_size(small.motion.height, small.motion.width) == (HEIGHT // 2, WIDTH // 2)
     map_file(motion, tmp_path / "whole.npz")
     with np.load(tmp_path / "small.npz") as half, np.load(tmp_path / "whole.npz") as whole:
         for key in ("map_x", "map_y"):

@@ -7,7 +7,7 @@ import pytest
 
 from support.covering import covering
 from support.drawn_photos import one_line
-from unshutter import Motion, Readout, RowMotion, UnshutterError
+from unshutter import Motion, RowMotion, ScanDirection, UnshutterError
 from unshutter.cli import main
 from unshutter.export import PixelMap, PointTable, move_file, move_points
 from unshutter.motion import RotationMotion
@@ -16,9 +16,9 @@ HEIGHT, WIDTH = 300, 400
 
 
 def shake(readout: str = "top-to-bottom") -> Motion:
-    direction = Readout(readout)
+    direction = ScanDirection(readout)
     height, width = direction.frame_size(HEIGHT, WIDTH)
-    return RowMotion.from_polynomials([0, 30, -12], [0, -0.02, 0.06], height, width, readout=direction)
+    return RowMotion.from_polynomials([0, 30, -12], [0, -0.02, 0.06], height, width, scan_direction=direction)
 
 
 def positions(path: Path) -> np.ndarray:
@@ -27,10 +27,10 @@ def positions(path: Path) -> np.ndarray:
 
 def turning(readout: str) -> RotationMotion:
     """A camera that turns about all three axes."""
-    direction = Readout(readout)
+    direction = ScanDirection(readout)
     height, width = direction.frame_size(HEIGHT, WIDTH)
     rotations = np.radians([[1.0, 3.0, 2.0]]) * np.linspace(0, 1, height)[:, None]
-    return RotationMotion(width, readout=direction, rotations=rotations, focal_px=420)
+    return RotationMotion(width, scan_direction=direction, rotations=rotations, focal_px=420)
 
 
 @pytest.fixture
@@ -43,8 +43,8 @@ def points(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("kind", "readout"), covering([shake, turning], [*Readout]))
-def test_there_and_back(tmp_path: Path, points: Path, readout: Readout, kind) -> None:
+@pytest.mark.parametrize(("kind", "readout"), covering([shake, turning], [*ScanDirection]))
+def test_there_and_back(tmp_path: Path, points: Path, readout: ScanDirection, kind) -> None:
     motion, gs, rs = tmp_path / "m.json", tmp_path / "gs.csv", tmp_path / "rs.csv"
     kind(readout).save(motion)
     assert main(["points", str(motion), str(points), "-o", str(gs)]) == 0
@@ -53,8 +53,8 @@ def test_there_and_back(tmp_path: Path, points: Path, readout: Readout, kind) ->
     assert np.abs(positions(gs) - positions(points)).mean() > 1
 
 
-@pytest.mark.parametrize(("kind", "readout"), covering([shake, turning], [*Readout]))
-def test_points_agree_with_the_maps(readout: Readout, kind) -> None:
+@pytest.mark.parametrize(("kind", "readout"), covering([shake, turning], [*ScanDirection]))
+def test_points_agree_with_the_maps(readout: ScanDirection, kind) -> None:
     """The map that rectifies says for every GS pixel where it is in the photo, as do points moved with inverse."""
     motion, rng = kind(readout), np.random.default_rng(2)
     col, row = rng.integers(0, WIDTH, 500), rng.integers(0, HEIGHT, 500)

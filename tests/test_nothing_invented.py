@@ -72,7 +72,7 @@ def test_in_python(height: int, width: int) -> None:
         result = unshutter.rectify(painted(height, width), motion=motion)
         check(result.array, *backward_map(motion))
         whole = result.array.shape[0] * result.array.shape[1] / (height * width)
-        assert result.needs_a_look == (whole < 0.6) and result.whole == pytest.approx(whole)
+        assert result.needs_a_look == (whole < 0.6) and result.area_left == pytest.approx(whole)
 
 
 @pytest.mark.parametrize("pose", [Pose(2.0, None, 1.2), Pose(-3.0, 18.0, 1.2), Pose(1.0, -25.0, 0.8, up=(1, 0))])
@@ -195,10 +195,10 @@ def with_neighbours(before: Photo, photo: Photo, after: Photo) -> Result:
     """The photo's result, as the command line makes it."""
     from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
     from unshutter.options import Undo
-    from unshutter.orientation import Readout
+    from unshutter.orientation import ScanDirection
     from unshutter.readout_time import ReadoutRatio
 
-    options = SequenceOptions(ReadoutRatio(0.8), Undo(), Readout.TOP_TO_BOTTOM, model="camera")
+    options = SequenceOptions(ReadoutRatio(0.8), Undo(), ScanDirection.TOP_TO_BOTTOM, model="camera")
     return rectify_between(photo, before, after, options)
 
 
@@ -231,4 +231,4 @@ def test_the_examples_have_pixels_of_their_own(name: str) -> None:
 
 def test_the_demo_keeps_four_fifths() -> None:
     result = unshutter.rectify(EXAMPLES / "demo.jpg")
-    assert result.whole is not None and result.whole > 0.8 and not result.needs_a_look
+    assert result.area_left is not None and result.area_left > 0.8 and not result.needs_a_look

@@ -14,21 +14,21 @@ from unshutter.frames import pyav
 
 
 @pytest.fixture
-def film(tmp_path):
-    path = clips.write(tmp_path / "film.mp4", [clips.wall()] * 2, turn=90, tags={"artist": "Jose!"})
+def video(tmp_path):
+    path = clips.write(tmp_path / "video.mp4", [clips.wall()] * 2, turn=90, tags={"artist": "Jose!"})
     path.write_bytes(path.read_bytes().replace(b"Jose!", b"Jos\xe9!"))  # Latin-1
     return path
 
 
-def test_a_film_with_tags_that_are_no_utf8_is_read_and_its_tags_can_be_shown(film):
-    with pyav.open_to_read(str(film)) as container:
+def test_a_video_with_tags_that_are_no_utf8_is_read_and_its_tags_can_be_shown(video):
+    with pyav.open_to_read(str(video)) as container:
         shown = pyav.tags(container)["artist"]
     assert shown == "Jos\ufffd!"
     shown.encode()
 
 
-def test_side_data_has_ffmpegs_names(film):
-    with pyav.open_to_read(str(film)) as container:
+def test_side_data_has_ffmpegs_names(video):
+    with pyav.open_to_read(str(video)) as container:
         frame = next(container.decode(video=0))
     found = pyav.side_data(frame)
     assert len(found["DISPLAYMATRIX"]) == 36
@@ -41,7 +41,7 @@ def test_side_data_has_ffmpegs_names(film):
 def test_only_pyav_18_takes_a_rule_for_tags(monkeypatch, version, asked):
     library = SimpleNamespace(__version__=version, open=lambda source, **arguments: (source, arguments))
     monkeypatch.setattr(pyav, "av", lambda: library)
-    assert pyav.open_to_read("film.mp4", options={}) == ("film.mp4", {"options": {}, **asked})
+    assert pyav.open_to_read("video.mp4", options={}) == ("video.mp4", {"options": {}, **asked})
 
 
 def test_a_position_that_there_cannot_be_prints_nothing(tmp_path, capfd):
@@ -66,7 +66,7 @@ class _Signalling(io.BytesIO):
 
 
 def test_a_signal_waits_until_ffmpeg_has_its_answer():
-    """FFmpeg prints the traceback of whatever is raised meanwhile, and takes the film for damaged."""
+    """FFmpeg prints the traceback of whatever is raised meanwhile, and takes the video for damaged."""
     usual = signal.signal(signal.SIGTERM, cli._stop)
     try:
         assert pyav._Seekable(_Signalling(b"film")).seek(2) == 2

@@ -59,12 +59,12 @@ def test_without_a_least_confidence_the_likeliest_motion_is_undone(facade_canvas
 
 def test_who_asks_for_the_likeliest_motion() -> None:
     def asks(**options) -> bool:
-        return Rectify(undo=Undo(min_confidence=0), **options).settled().find.odds.any
+        return Rectify(undo=Undo(min_confidence=0), **options).settled().find.decision.any
 
     alone, between = Path("m.json"), Neighbours(after=Path("b.jpg"))
     assert asks() and asks(neighbours=replace(between, fallback=True))
     assert not asks(motion=alone) and not asks(neighbours=between)
-    assert not Rectify().find.odds.any
+    assert not Rectify().find.decision.any
 
 
 def test_what_is_left_as_it_is_comes_back_the_same(photo: Path) -> None:

@@ -112,8 +112,8 @@ def frames_of(clip: Path) -> list[np.ndarray]:
     """Returns the frames [H, W, 3] of a clip."""
     import av
 
-    with av.open(str(clip)) as film:
-        return [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    with av.open(str(clip)) as video:
+        return [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
 
 
 def time_against_rows() -> None:

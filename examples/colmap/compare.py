@@ -36,7 +36,7 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.options import DEFAULT_ESTIMATOR, Clock, FrameModel, Undo
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 
 RATIO = 0.9  # readout time / frame interval: 30 ms at 30 frames/s
@@ -133,7 +133,7 @@ class Walk:
         how = SequenceOptions(
             Clock(RATIO).stated_ratio,
             Undo("middle", edges="keep"),
-            Readout.TOP_TO_BOTTOM,
+            ScanDirection.TOP_TO_BOTTOM,
             None,
             model,
             self.camera.focal_px,

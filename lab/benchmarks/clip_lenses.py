@@ -26,7 +26,7 @@ from unshutter.motion.lens import Lens
 from unshutter.photo import Photo
 from unshutter_lab.evaluation.clip_wobble import grey_frames
 from unshutter_lab.evaluation.metrics import psnr
-from unshutter_lab.synthesis.clip import write_film
+from unshutter_lab.synthesis.clip import write_video
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
 
@@ -123,7 +123,7 @@ def report(number: int, case: Case, given: argparse.Namespace, folder: Path) -> 
             made[kind, shutter] = folder / f"{number}-{kind}-{shutter}.mp4"
             if not made[kind, shutter].exists():
                 frames = camera.rendered(pixels, NOISE, case.seed, global_shutter=shutter == "gs")
-                write_film(str(made[kind, shutter]), frames, camera, crf=16, sound=False)
+                write_video(str(made[kind, shutter]), frames, camera, crf=16, sound=False)
     lens_file = folder / f"{number}.json"
     matrix = [[focal, 0, (WIDTH - 1) / 2], [0, focal, (HEIGHT - 1) / 2], [0, 0, 1]]
     lens = {"calib_dimension": {"w": WIDTH, "h": HEIGHT}, "fisheye_params": {"camera_matrix": matrix}}

@@ -1,10 +1,10 @@
-"""How well the film inside a photo says the photo's motion: motion photos rendered from recorded hands.
+"""How well the video inside a photo says the photo's motion: motion photos rendered from recorded hands.
 
     python lab/benchmarks/motion_photos.py PHOTOS LOG.npz ... [--cases 40] [--seed 0]
 
 Each case is a photo of the folder, seen by a camera that turns as a log says from a random moment on: a still of 900
-rows and a film of 640x360 px, 60 frames at 30 a second, both with readout times (film 10 to 30 ms, still 13 to 43 ms)
-and fields of view of their own, written as a JPEG with an MP4 behind it. Reported for films as they are, for films that
+rows and a video of 640x360 px, 60 frames at 30 a second, with readout times (video 10 to 30 ms, still 13 to 43 ms)
+and fields of view of their own, as a JPEG with an MP4 behind it. Reported for videos as they are, for those that
 were stabilised (frame by frame, or row by row) and for cameras that stood still: errors (EPE, px of 256 rows), answers.
 """
 
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.motion_photo import film_motion
+from unshutter.frames.motion_photo import motion_by_embedded_video
 from unshutter.motion import RowMotion
 from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Undo
@@ -30,7 +30,7 @@ from unshutter_lab.synthesis.clip import FilmedStill, Stabilisation
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
 
-HEIGHT, WIDTH, FILM_HEIGHT, FILM_WIDTH, FRAMES, FPS = 900, 1200, 360, 640, 60, 30.0
+HEIGHT, WIDTH, VIDEO_HEIGHT, VIDEO_WIDTH, FRAMES, FPS = 900, 1200, 360, 640, 60, 30.0
 JITTER_S = 0.03  # by which logs of motion capture are smoothed
 KINDS = {
     "as it is": (Stabilisation.NONE, True),
@@ -43,12 +43,12 @@ KINDS = {
 def drawn(seed: int, logs: list[RotationLog], kind: str) -> FilmedStill:
     rng = np.random.default_rng(seed)
     focal, crop = WIDTH * rng.uniform(0.7, 0.95), rng.uniform(0.75, 1.0)
-    film = {"height": FILM_HEIGHT, "width": FILM_WIDTH, "focal_px": focal * FILM_WIDTH / (crop * WIDTH)}
+    video = {"height": VIDEO_HEIGHT, "width": VIDEO_WIDTH, "focal_px": focal * VIDEO_WIDTH / (crop * WIDTH)}
     ratio, readout, taken = rng.uniform(0.3, 0.9), rng.uniform(0.4, 1.3), rng.uniform(0.3, 0.7) * FRAMES
     while True:
         try:
             camera = TurningCamera.drawn(
-                rng, logs[rng.integers(len(logs))], FRAMES + 2, fps=FPS, readout_ratio=ratio, **film
+                rng, logs[rng.integers(len(logs))], FRAMES + 2, fps=FPS, readout_ratio=ratio, **video
             )
         except UnshutterError:
             continue
@@ -72,7 +72,7 @@ def main() -> None:
             case = drawn(seed, logs, kind)
             photo = Photo.from_bytes(case.motion_photo(scene))
             start = time.process_time()
-            evidence = film_motion(View(photo, Camera(focal_px=case.focal_px)))
+            evidence = motion_by_embedded_video(View(photo, Camera(focal_px=case.focal_px)))
             seconds.append(time.process_time() - start)
             truth, found = case.motion(), evidence.finding if evidence else None
             motion = None if found is None else found.motion
@@ -86,7 +86,7 @@ def main() -> None:
                 errors.append(nothing[-1])
                 answers.append("stood still")
             else:
-                answers.append(str(evidence.reason.code if evidence and evidence.reason else "no film"))
+                answers.append(str(evidence.reason.code if evidence and evidence.reason else "no video"))
             error = f"{errors[-1]:.3f}" if motion is not None else "-"
             print(f"  {kind} {seed}: {answers[-1]}, EPE {error}, nothing done {nothing[-1]:.2f}")
         said = {word: sum(each.startswith(word) for each in answers) for word in ("moved", "stood still", *Code)}

@@ -10,7 +10,7 @@ DATA is the folder of data sets; those that it lacks are left out. vid.stab is F
 * shake and turn: jitter of the path (``benchmarks/stability.py``) [px];
 * sharpness: variance of the Laplacian of luma, without a border of 6 %, mean of the frames;
 * crop: share of the width and height that is cut off, as tracks from frames to the clip's own show it [%];
-* bits of the film [kbit/s].
+* bits of the video [kbit/s].
 
 Two pairs of photos are no clips: one camera read from the top and from the bottom at once (``dual``), where the
 distance of corners between the two is twice the distortion; and two frames of a phone (``pair_phone``).
@@ -58,22 +58,22 @@ def grey(path: Path) -> np.ndarray:
 
 def from_pictures(paths: list[Path], rate: float, out: Path) -> None:
     """Writes pictures as a clip."""
-    with av.open(str(out), "w") as film:
+    with av.open(str(out), "w") as video:
         height, width = grey(paths[0]).shape
-        stream = film.add_stream("libx264", rate=int(rate), options={"preset": "medium"})
+        stream = video.add_stream("libx264", rate=int(rate), options={"preset": "medium"})
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.bit_rate = BITS * width * height // (1920 * 1080)
         for path in paths:
-            film.mux(stream.encode(av.VideoFrame.from_ndarray(cv2.imread(str(path)), format="bgr24")))
-        film.mux(stream.encode(None))
+            video.mux(stream.encode(av.VideoFrame.from_ndarray(cv2.imread(str(path)), format="bgr24")))
+        video.mux(stream.encode(None))
 
 
 def kbits(path: Path) -> int:
-    """Bits of the film [kbit/s]."""
+    """Bits of the video [kbit/s]."""
     with av.open(str(path)) as clip:
-        film = clip.streams.video[0]
-        size = sum(packet.size for packet in clip.demux(film))
-        return round(8 * size / (film.frames / float(film.average_rate or 30)) / 1000)
+        video = clip.streams.video[0]
+        size = sum(packet.size for packet in clip.demux(video))
+        return round(8 * size / (video.frames / float(video.average_rate or 30)) / 1000)
 
 
 def wobbles(path: Path) -> Iterator[float]:

@@ -84,7 +84,7 @@ QUESTIONS = (
         _GAIN, "{:+.1f}", +1, several=True,
     ),
     Question(
-        "Sixty frames of a film?", "error in px, phone in hand / camera in hand / car mount", "sequences",
+        "Sixty frames of a video?", "error in px, phone in hand / camera in hand / car mount", "sequences",
         _of("60 frames", _LOGS), _ERROR, "{:.2f}", several=True,
     ),
 )  # fmt: skip

@@ -10,7 +10,7 @@ One photo       rectify -> Rectified, estimate -> Finding, candidates -> Candida
 Frames          rectify_frames -> RectifiedFrame, estimate_frames -> Finding
 Clips           rectify_clip -> ClipOutcome, rectify_clip_frames -> arrays, measure_clips -> ClipMeasurement
 3D models       camera_poses -> CameraPoses, which has PicturePoses
-Motions         Motion: RowMotion, RotationMotion; Readout; Finding, what is known of one
+Motions         Motion: RowMotion, RotationMotion; ScanDirection; Finding, what is known of one
 Methods         load -> Estimator, which gets a View; Method
 Errors          UnshutterError: UsageError, MissingFileError
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from unshutter.motion import Motion, RotationMotion, RowMotion
     from unshutter.motion.finding import Candidate, Finding
     from unshutter.motion.rectified import Rectified
-    from unshutter.orientation import Readout
+    from unshutter.orientation import ScanDirection
     from unshutter.photo import Photo
     from unshutter.poses.camera_poses import CameraPoses, PicturePoses
     from unshutter.poses.row_poses import camera_poses
@@ -53,11 +53,11 @@ __all__ = [
     "Motion",
     "Photo",
     "PicturePoses",
-    "Readout",
     "Rectified",
     "RectifiedFrame",
     "RotationMotion",
     "RowMotion",
+    "ScanDirection",
     "UnshutterError",
     "UsageError",
     "View",
@@ -81,7 +81,7 @@ _HOMES = {
     "motion": ("Motion", "RotationMotion", "RowMotion"),
     "motion.finding": ("Candidate", "Finding"),
     "motion.rectified": ("Rectified",),
-    "orientation": ("Readout",),
+    "orientation": ("ScanDirection",),
     "photo": ("Photo",),
     "poses.camera_poses": ("CameraPoses", "PicturePoses"),
     "poses.row_poses": ("camera_poses",),

@@ -27,7 +27,7 @@ from unshutter.motion.finding import Finding
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.verdict import Speed, judge
 from unshutter.options import MAX_PIXELS, Find, Reference, Undo
-from unshutter.photo.film import films_beside
+from unshutter.photo.embedded_video import videos_beside
 from unshutter.photo.libvips import libvips, refusing
 from unshutter.photo.photo import open_photo
 from unshutter.single.register import weights_file
@@ -57,7 +57,7 @@ class PixelMap:
 
         Each GS pixel samples the RS photo (rectifies), or with ``inverse`` each RS pixel the GS picture (distorts).
         """
-        size = motion.readout.frame_size(motion.height, motion.width)
+        size = motion.scan_direction.frame_size(motion.height, motion.width)
         grid = SamplingGrid.of(rs_to_gs_map(motion) if inverse else gs_to_rs_map(motion), *size)
         col, row = grid.everywhere()
         return cls(col, row, grid.inside(col, row))
@@ -121,14 +121,14 @@ def map_file(
     """
     find = find or Find()
     check_map_target(output, overwrite)
-    RunFiles(reads=[source, *films_beside(source), weights_file(find.estimator)]).check(output)
+    RunFiles(reads=[source, *videos_beside(source), weights_file(find.estimator)]).check(output)
     remove_leftovers(output.parent)
     map_size = None if size is None else _parse_size(size)
     if source.suffix.lower() == ".json":
         find.check_unused()
         finding = Finding.load(source)
         motion = finding.motion
-        finding = finding.fit(*motion.readout.frame_size(motion.height, motion.width), find.camera.readout)
+        finding = finding.fit(*motion.scan_direction.frame_size(motion.height, motion.width), find.camera.readout)
     else:
         finding = find_motion(open_photo(source), find).choose(find.candidate)
     finding = finding.rereferenced(reference or finding.motion.reference)
@@ -295,7 +295,7 @@ def move_file(
     moved = move_points(motion, col, row, inverse)
     table.write(target, moved[0] + first_pixel, moved[1] + first_pixel, overwrite)
     in_photo = moved if inverse else (col, row)
-    height, width = motion.readout.frame_size(motion.height, motion.width)
+    height, width = motion.scan_direction.frame_size(motion.height, motion.width)
     seen = [(p >= -0.5) & (p <= size - 0.5) for p, size in zip(in_photo, (width, height), strict=True)]
     return len(col), int(np.sum(~(seen[0] & seen[1])))
 
@@ -350,7 +350,7 @@ def plot_motion(found: Finding, path: str | os.PathLike[str], title: str = "", r
     _save(figure, Path(path))
 
 
-def plot_turns(
+def plot_rotation_rates(
     times_s: Float64[np.ndarray, "frames"],
     rates_deg_s: Float64[np.ndarray, "frames 3"],
     cuts_s: Sequence[float],

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-class Readout(StrEnum):
+class ScanDirection(StrEnum):
     """Direction in which the lines of the *stored* pixels were read out, first to last."""
 
     TOP_TO_BOTTOM = "top-to-bottom"
@@ -24,7 +24,7 @@ class Readout(StrEnum):
     RIGHT_TO_LEFT = "right-to-left"
 
     @classmethod
-    def parse(cls, word: str) -> Readout:
+    def parse(cls, word: str) -> ScanDirection:
         """Parses a direction; ``auto`` is top-to-bottom, the order in which cameras store lines.
 
         Raises:
@@ -52,7 +52,7 @@ class Readout(StrEnum):
         """Returns (height, width) of the readout frame for stored pixels of that size, or the reverse."""
         return (width, height) if self.sideways else (height, width)
 
-    def turn(self, pixels: np.ndarray) -> np.ndarray:
+    def to_scan_frame(self, pixels: np.ndarray) -> np.ndarray:
         """Rotates stored pixels [H, W, ...] into the readout frame."""
         import numpy as np
 
@@ -60,14 +60,14 @@ class Readout(StrEnum):
 
     def points_to_frame(self, col, row, height: int, width: int):
         """Converts stored pixel positions (in a stored picture of height x width) to positions in the readout frame."""
-        return _turned(col, row, height, width, self.quarter_turns)
+        return _rotated(col, row, height, width, self.quarter_turns)
 
     def points_to_stored(self, col, row, height: int, width: int):
         """Converts positions in the readout frame to positions in the stored picture of height x width."""
-        return _turned(col, row, *self.frame_size(height, width), -self.quarter_turns % 4)
+        return _rotated(col, row, *self.frame_size(height, width), -self.quarter_turns % 4)
 
 
-def _turned(col, row, height: int, width: int, quarter_turns: int):
+def _rotated(col, row, height: int, width: int, quarter_turns: int):
     """Turns positions in a picture of height x width counter-clockwise."""
     if quarter_turns == 0:
         return col, row
@@ -76,13 +76,13 @@ def _turned(col, row, height: int, width: int, quarter_turns: int):
     return (width - 1 - col, height - 1 - row) if quarter_turns == 2 else (height - 1 - row, col)
 
 
-def scene_up(orientation: int, readout: Readout) -> tuple[int, int]:
+def scene_up(orientation: int, scan_direction: ScanDirection) -> tuple[int, int]:
     """Returns the unit vector (right, down) that points to the top of the scene in the readout frame.
 
     The EXIF orientation is that of the stored pixels, 1-8; any other number counts as 1.
     """
     right, down = Orientation(orientation).scene_up
-    for _ in range(readout.quarter_turns):
+    for _ in range(scan_direction.quarter_turns):
         right, down = down, -right
     return right, down
 
@@ -127,8 +127,8 @@ class Orientation(IntEnum):
 
     def then(self, other: Orientation) -> Orientation:
         """Returns the single orientation equivalent to this one followed by the other one."""
-        turns = -self.quarter_turns if other.mirrored else self.quarter_turns
-        return Orientation.of_steps(turns + other.quarter_turns, self.mirrored != other.mirrored)
+        rotations = -self.quarter_turns if other.mirrored else self.quarter_turns
+        return Orientation.of_steps(rotations + other.quarter_turns, self.mirrored != other.mirrored)
 
     def size(self, height: int, width: int) -> tuple[int, int]:
         """Returns (height, width) of the upright picture for a stored one of that size, or the reverse."""
@@ -144,8 +144,8 @@ class Orientation(IntEnum):
         """Returns a view of upright pixels [H, W, ...] as they are stored."""
         import numpy as np
 
-        turned = np.rot90(pixels, self.quarter_turns)
-        return turned[:, ::-1] if self.mirrored else turned
+        rotated = np.rot90(pixels, self.quarter_turns)
+        return rotated[:, ::-1] if self.mirrored else rotated
 
     def upright_point(self, across, down):
         """Converts a position in the stored picture to the upright picture, as fractions of width and height."""

@@ -125,7 +125,7 @@ class ClipObserver:
         """
 
     def note_rate(self, before: float, after: float) -> None:
-        """Is called early with the bit rates of the clip and of the new film, if they differ considerably."""
+        """Is called early with the bit rates of the clip and of the new video, if they differ considerably."""
 
 
 SILENT = ClipObserver()

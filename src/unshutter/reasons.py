@@ -30,7 +30,7 @@ class MotionSource(StrEnum):
     """Where a motion comes from."""
 
     PIXELS = "pixels"  # a method that sees the photo
-    FILM = "film"  # the film inside the photo
+    EMBEDDED_VIDEO = "film"  # the video inside the photo
     NEIGHBOURS = "neighbours"  # the frames before and after it, or its burst
     HAND = "hand"  # a person, with lines or numbers
     GIVEN = "given"  # a motion file, or a motion passed in Python
@@ -63,11 +63,11 @@ class Code(Worded):
     TOO_FAST_FOR_HANDS = "too-fast-for-hands", "the lines would mean more motion than a hand-held camera makes"
     TOO_SHARP = "too-sharp", "it is too sharp for a camera that moved during an exposure of {exposure}"
     NO_ROLLING_SHUTTER = "no-rolling-shutter", "{camera} exposes all rows at once"
-    FILM_STOOD_STILL = "film-stood-still", "the camera stood still"
-    # the film inside a photo: why it cannot be used
-    FILM_TOO_SHORT = "film-too-short", "the film inside it is too short"
-    FILM_DIFFERS = "film-differs", "the film inside it shows something else"
-    FILM_STABILISED = "film-stabilised", "the film inside it is stabilised"
+    EMBEDDED_VIDEO_STOOD_STILL = "film-stood-still", "the camera stood still"
+    # the video inside a photo: why it cannot be used
+    EMBEDDED_VIDEO_TOO_SHORT = "film-too-short", "the video inside it is too short"
+    EMBEDDED_VIDEO_DIFFERS = "film-differs", "the video inside it shows something else"
+    EMBEDDED_VIDEO_STABILISED = "film-stabilised", "the video inside it is stabilised"
     IMPOSSIBLE_MOTION = "impossible-motion", "no camera can make the motion that was found: {detail}"
     ASKED_FOR_NOTHING = "asked-for-nothing", "this method never finds a motion"
     # one photo: from the verdict

@@ -11,7 +11,7 @@ import pytest
 import unshutter
 from unshutter.cli import command_for_file, main
 from unshutter.errors import UsageError
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.page.settings import page_module
 from unshutter.photo import Photo
 from unshutter.run.inputs import PHOTO_SUFFIXES, find_photos
@@ -189,14 +189,14 @@ def test_wrong_usage_exits_with_2(arguments: list[str], capsys: pytest.CaptureFi
     one_line(capsys)
 
 
-@pytest.mark.parametrize("ending", FILM_FORMATS)
-def test_every_film_goes_to_video(ending: str) -> None:
-    """All parts of the program name films by one list."""
+@pytest.mark.parametrize("ending", VIDEO_FORMATS)
+def test_every_video_goes_to_video(ending: str) -> None:
+    """All parts of the program name videos by one list."""
     assert command_for_file(f"clip{ending.upper()}") == "video" and ending not in PHOTO_SUFFIXES
-    with pytest.raises(UsageError, match="is a film, not a photo"):
+    with pytest.raises(UsageError, match="is a video, not a photo"):
         find_photos([f"clip{ending}"])
-    films = page_module().rpartition("export const films = ")[2]
-    assert ending in json.loads(films.removesuffix(";\n"))
+    videos = page_module().rpartition("export const videos = ")[2]
+    assert ending in json.loads(videos.removesuffix(";\n"))
 
 
 @pytest.mark.parametrize(
@@ -329,7 +329,7 @@ def test_a_missing_photo_alone_is_reported_as_missing(tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize("command", ["rectify", "estimate"])
-def test_a_film_is_pointed_to_the_command_for_films(
+def test_a_video_is_pointed_to_the_command_for_videos(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "walk.MP4").touch()

@@ -119,7 +119,7 @@ HINTS = [
     (f"{NO_CLIP} --level --stabilize --gyro off", "leave out --gyro off", f"{NO_CLIP} --level --stabilize"),
     (f"{NO_CLIP} --straight-lines --stabilize", "stabilise the straightened clip", f"{NO_CLIP} --straight-lines"),
     # clips: what they are and become
-    ("video clip.mkv -o out.png", "write film.mkv", "video clip.mkv -o film.mkv --readout-ms 20 --end 0.2"),
+    ("video clip.mkv -o out.png", "write video.mkv", "video clip.mkv -o video.mkv --readout-ms 20 --end 0.2"),
     ("video clip.mkv -o out.xyz", "use .mp4, .mov or .mkv", "video clip.mkv -o out.mkv --readout-ms 20 --end 0.2"),
     (
         "video clip.mkv -o out.mkv --camera Aple-iPhone-12",
@@ -183,7 +183,7 @@ NOT_FOLLOWED = {
     "standard input": "tests/cli/test_pipes.py",
     "cannot be shown in a terminal": "needs a terminal: tests/cli/test_pipes.py",
     # followed there, but with values in the middle
-    "is a film, not a photo: use unshutter video": "in the table",
+    "is a video, not a photo: use unshutter video": "in the table",
     "a folder, but  is the name of a file: leave out": "in the table",
     "accepts no other weights: leave out @": "in the table",
     "--at and --edges borrow are for --model dense": "in the table",

@@ -42,15 +42,15 @@ def test_words_and_json_say_the_same(folder, capsys):
 
 def test_a_clip_that_was_read_from_the_bottom_says_so(folder):
     (found,) = unshutter.measure_clips([folder / "turned.mkv"])
-    assert found.direction == "bottom-to-top" and found.readout is not None
-    assert found.readout.seconds / found.interval_s == pytest.approx(0.6, rel=0.1)
+    assert found.direction == "bottom-to-top" and found.readout_time is not None
+    assert found.readout_time.seconds / found.interval_s == pytest.approx(0.6, rel=0.1)
 
 
 def test_no_rolling_shutter_is_reported(folder, capsys):
     assert main(["measure", str(folder / "global.mkv")]) == 0
     assert "no rolling shutter: its frames show no rolling shutter" in capsys.readouterr().out
     (found,) = unshutter.measure_clips([folder / "global.mkv"])
-    assert found.is_global and found.readout is None and found.as_json()["rolling_shutter"] is False
+    assert found.is_global and found.readout_time is None and found.as_json()["rolling_shutter"] is False
 
 
 def test_clips_of_one_camera_are_measured_together(folder, capsys):

@@ -16,7 +16,7 @@ import pytest
 
 from support.batches import make_motion, make_photos
 from support.covering import covering
-from support.outputs import NEEDS, SCENES, Scene, calibrate, film, film_by_motion, train
+from support.outputs import NEEDS, SCENES, Scene, calibrate, train, video, video_by_motion
 from unshutter.cli import command_named, main, summaries
 from unshutter.options.fields import Option, options_of
 
@@ -176,7 +176,7 @@ def files_below(folder: Path) -> dict[Path, bytes]:
 
 
 # a whole calibration takes seconds: lab/tests/calibration tries its folder
-FOLDERS = [(name, make) for name, make in ALL if make not in (film, film_by_motion, calibrate)]
+FOLDERS = [(name, make) for name, make in ALL if make not in (video, video_by_motion, calibrate)]
 
 
 @posix

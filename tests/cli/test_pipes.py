@@ -58,8 +58,8 @@ def test_the_format_is_kept_or_asked_for(photo: Path, piped) -> None:
     assert piped(photo.read_bytes(), "rectify", "-", "--format", "png")[1].startswith(b"\x89PNG")
     Photo.open(photo).save(photo.with_name("a.tif"))
     assert piped(photo.with_name("a.tif").read_bytes(), "rectify", "-")[1].startswith(b"II*\0")
-    film = piped(heic(Photo.open(photo).to_array()), "rectify", "-")[1]  # cannot be written
-    assert film[8:12] == b"avif"
+    video = piped(heic(Photo.open(photo).to_array()), "rectify", "-")[1]  # cannot be written
+    assert video[8:12] == b"avif"
 
 
 def test_an_unchanged_photo_comes_out_byte_for_byte(still: Path, piped) -> None:
@@ -78,9 +78,9 @@ def test_an_unchanged_photo_comes_out_byte_for_byte(still: Path, piped) -> None:
         (b"hello", "estimate -", "standard input is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture"),
         (b"", "rectify - b.jpg", "leave out the others"),
         (b"", "rectify a.jpg b.jpg -o -", "several photos need --output FOLDER: - is for one"),
-        (b"\0\0\0\x18ftypmp42" + bytes(99), "rectify -", "standard input is a film, not a photo: use unshutter video"),
-        (b"", "video -", "cannot read standard input: no film that can be read"),
-        (b"hello", "video -", "cannot read standard input: no film that can be read"),
+        (b"\0\0\0\x18ftypmp42" + bytes(99), "rectify -", "standard input is a video, not a photo: use unshutter video"),
+        (b"", "video -", "cannot read standard input: no video that can be read"),
+        (b"hello", "video -", "cannot read standard input: no video that can be read"),
         (b"", "rectify a.jpg --save-motion -", "'-' is not accepted here"),
     ],
 )

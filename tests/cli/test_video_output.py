@@ -11,7 +11,7 @@ from unshutter.cli import main
 
 
 @pytest.mark.parametrize("words", [["video"], []])
-def test_a_film_gets_a_name_next_to_it(words: list[str], tmp_path: Path) -> None:
+def test_a_video_gets_a_name_next_to_it(words: list[str], tmp_path: Path) -> None:
     clip = tmp_path / "walk.mp4"
     clips.write(clip, clips.moving(12)[1])
     assert main([*words, str(clip), *clips.KNOWN]) == 0

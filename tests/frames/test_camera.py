@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, pan
-from unshutter.frames.camera import ROWS, Fit, Problem, steady, turn_between
+from unshutter.frames.camera import ROWS, Fit, Problem, rotation_between, steady
 from unshutter.frames.self_calibration import focal_from_motion
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.rotations import rotation_vector
@@ -16,7 +16,7 @@ def error_px(fit, moving):
     """Largest error of a row's turn against its frame's first row, over all frames but the outermost [px]."""
     rows, worst = np.arange(HEIGHT), 0.0
     for k in range(2, moving.frames - 2):
-        turn = fit.turn(k + moving.readout_ratio * (rows + 0.5) / HEIGHT)
+        turn = fit.rotation(k + moving.readout_ratio * (rows + 0.5) / HEIGHT)
         off = (turn - turn[0]) - moving.motion(k).rotations
         worst = max(worst, float(np.abs(off).max()) * moving.focal_px)
     return worst
@@ -43,7 +43,7 @@ def test_a_picture_that_grows_is_not_taken_for_a_turn():
     start = rng.uniform((20, 20), (WIDTH - 20, HEIGHT - 20), (80, 2))
     end = start + 0.02 * (start - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
     fit = Problem([Tracks(start, end, HEIGHT, WIDTH, 80)] * 8, FOCAL * UNIT).fit(0.5)
-    turn = fit.turn(np.linspace(0, 8, 30))
+    turn = fit.rotation(np.linspace(0, 8, 30))
     assert np.abs(turn - turn[0]).max() * FOCAL < 0.05
 
 
@@ -57,7 +57,7 @@ def test_the_evidence_is_highest_at_the_true_ratio():
 def test_two_frames_are_enough_for_an_even_motion():
     moving = camera(pan(15.0), 0.8, frames=2)
     fit = Problem(exact_tracks(moving), FOCAL * UNIT).fit(0.8)
-    turn = fit.turn(0.8 * np.array([0.0, 1.0]))
+    turn = fit.rotation(0.8 * np.array([0.0, 1.0]))
     assert (turn[1] - turn[0]) == pytest.approx([0, np.radians(15) * 0.8 / 30, 0], abs=2e-5)
 
 
@@ -78,7 +78,7 @@ def test_near_ground_at_the_bottom_is_not_taken_for_an_oscillation():
         pairs.append(Tracks(start, end, HEIGHT, WIDTH, 150))
     problem = Problem(pairs, FOCAL * UNIT)
     for fit, most in ((problem.fit(0.6, 0.001), np.inf), (steady(problem.fit(0.6, 0.001), problem, 0.6), 0.9)):
-        turns = fit.turn(np.linspace(12, 12.6, 7)) * fit.focal_px
+        turns = fit.rotation(np.linspace(12, 12.6, 7)) * fit.focal_px
         reach = np.abs(turns - turns[3]).max()
         assert (reach > 1.5) if most == np.inf else (reach < most)
 
@@ -87,7 +87,7 @@ def test_the_turn_between_two_frames_with_strays():
     moving = camera(hand(seed=3), ratio=0.0, frames=6)
     for k, tracks in enumerate(exact_tracks(moving, noise=0.1, strays=0.3)):
         before, after = moving.rotations(np.array([float(k), k + 1.0]))
-        turn = turn_between(tracks, FOCAL * UNIT)
+        turn = rotation_between(tracks, FOCAL * UNIT)
         off = (turn - rotation_vector(after @ before.T)) * FOCAL
         assert np.abs(off).max() < 0.15  # px
 
@@ -103,7 +103,7 @@ def test_the_path_of_one_window_becomes_that_of_the_next_without_a_step():
     joined = later.after(earlier, at=10.0, over=8.0)
 
     def lean(fit, frame):
-        return fit.turn(np.array([frame + 0.5]))[0] - fit.turn(np.array([frame + 0.25]))[0]
+        return fit.rotation(np.array([frame + 0.5]))[0] - fit.rotation(np.array([frame + 0.25]))[0]
 
     assert lean(joined, 6) == pytest.approx(lean(earlier, 6), abs=1e-9)
     assert lean(joined, 22) == pytest.approx(lean(later, 22), abs=1e-9)

@@ -1,4 +1,4 @@
-"""The motion of a photo by the film inside it, from motion photos that the tests render."""
+"""The motion of a photo by the video inside it, from motion photos that the tests render."""
 
 import shutil
 import struct
@@ -15,15 +15,15 @@ from support.covering import thorough
 from support.drawn_photos import encoded, textured
 from support.hand_held import hand, log_of
 from support.maker_notes import directory, exif_with_note
-from support.motion_photos import FILM, item, motion_photo, packet
+from support.motion_photos import VIDEO, item, motion_photo, packet
 from unshutter.cli import main
-from unshutter.frames import motion_photo as film_module
-from unshutter.frames.motion_photo import Film, film_motion, motion_by
+from unshutter.frames import motion_photo as video_module
+from unshutter.frames.motion_photo import DecodedVideo, motion_by, motion_by_embedded_video
 from unshutter.motion.finding import Finding
 from unshutter.options import Camera
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
-from unshutter.photo.film import PhotoFilm
+from unshutter.photo.embedded_video import EmbeddedVideo
 from unshutter.reasons import Cause, Code, MotionSource
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.metrics import motion_error
@@ -40,7 +40,7 @@ def shaken(seed=3):
 
 
 def filmed(log=None, **more):
-    """A still and a film that shows four fifths of its width; the still takes longer to be read out."""
+    """A still and a video that shows four fifths of its width; the still takes longer to be read out."""
     focal = FOCAL * 320 / (0.8 * WIDTH)
     camera = TurningCamera(log or shaken(), 0.05, 18, 30.0, 0.55, 180, 320, focal)
     return FilmedStill(camera, 7.3, 0.8, HEIGHT, WIDTH, FOCAL, **more)
@@ -58,33 +58,33 @@ def hurried():
 
 
 def evidence_of(data, **camera):
-    return film_motion(View(Photo.from_bytes(data), Camera(focal_px=FOCAL, **camera)))
+    return motion_by_embedded_video(View(Photo.from_bytes(data), Camera(focal_px=FOCAL, **camera)))
 
 
 def error_px(motion, case):
     return motion_error(motion, case.motion()).epe
 
 
-def test_the_film_says_how_the_still_moved(hurried):
+def test_the_video_says_how_the_still_moved(hurried):
     case, data = hurried
     found = evidence_of(data).finding
     motion = found.motion
-    assert (found.estimator, found.source) == ("film", MotionSource.FILM) and found.confidence > 0.9
+    assert (found.estimator, found.source) == ("film", MotionSource.EMBEDDED_VIDEO) and found.confidence > 0.9
     assert error_px(motion.scaled(0), case) > 1
     assert error_px(motion, case) < 0.5
 
 
-def test_a_photo_is_rectified_by_its_film(hurried, tmp_path, capsys):
+def test_a_photo_is_rectified_by_its_video(hurried, tmp_path, capsys):
     _, data = hurried
     result = unshutter.rectify(data, focal_px=FOCAL)
-    assert result.changed and result.found.source is MotionSource.FILM
-    assert result.verdict.described().endswith("(by the film inside it)")
+    assert result.changed and result.found.source is MotionSource.EMBEDDED_VIDEO
+    assert result.verdict.described().endswith("(by the video inside it)")
     assert result.verdict.as_json()["source"] == "film"
     assert unshutter.estimate(data, estimator="none").motion.is_zero
-    assert unshutter.candidates(data, focal_px=FOCAL)[0].finding.source is MotionSource.FILM
+    assert unshutter.candidates(data, focal_px=FOCAL)[0].finding.source is MotionSource.EMBEDDED_VIDEO
 
 
-def test_no_film_leaves_the_film_alone(hurried, tmp_path):
+def test_no_film_leaves_the_video_alone(hurried, tmp_path):
     _, data = hurried
     assert unshutter.estimate(data, focal_px=FOCAL, no_film=True).estimator != "film"
     (tmp_path / "a.jpg").write_bytes(data)
@@ -94,45 +94,47 @@ def test_no_film_leaves_the_film_alone(hurried, tmp_path):
     assert ['"source": "film"' in log.read_text() for log in logs] == [True, False]
 
 
-def test_a_still_that_software_has_turned_shows_its_readout_by_its_film(hurried):
+def test_a_still_that_software_has_turned_shows_its_readout_by_its_video(hurried):
     case, data = hurried
     photo = Photo.from_bytes(data)
-    film = data[data.index(b"ftyp") - 4 :]
-    turned = motion_photo(np.rot90(photo.pixels[..., 0], -1).copy(), _packet(film), film)
+    video = data[data.index(b"ftyp") - 4 :]
+    turned = motion_photo(np.rot90(photo.pixels[..., 0], -1).copy(), _packet(video), video)
     motion = evidence_of(turned).finding.motion
-    assert motion.readout is Readout.RIGHT_TO_LEFT or motion.readout is Readout.LEFT_TO_RIGHT
-    assert np.array_equal(motion.readout.turn(np.rot90(photo.pixels, -1)), photo.pixels)
-    assert error_px(replace(motion, readout=Readout.TOP_TO_BOTTOM), case) < 0.5
-    assert evidence_of(turned, readout="top-to-bottom").reason.code is Code.FILM_DIFFERS  # the user knows better
+    assert motion.scan_direction is ScanDirection.RIGHT_TO_LEFT or motion.scan_direction is ScanDirection.LEFT_TO_RIGHT
+    assert np.array_equal(motion.scan_direction.to_scan_frame(np.rot90(photo.pixels, -1)), photo.pixels)
+    assert error_px(replace(motion, scan_direction=ScanDirection.TOP_TO_BOTTOM), case) < 0.5
+    assert (
+        evidence_of(turned, readout="top-to-bottom").reason.code is Code.EMBEDDED_VIDEO_DIFFERS
+    )  # the user knows better
 
 
-def _packet(film):
-    return packet(item("Primary", 0) + item("MotionPhoto", len(film), "video/mp4"), 'Cam:MotionPhoto="1"')
+def _packet(video):
+    return packet(item("Primary", 0) + item("MotionPhoto", len(video), "video/mp4"), 'Cam:MotionPhoto="1"')
 
 
 @pytest.mark.parametrize("stabilisation", [Stabilisation.FRAMES, Stabilisation.ROWS])
-def test_a_stabilised_film_is_not_believed(stabilisation):
+def test_a_stabilised_video_is_not_believed(stabilisation):
     evidence = evidence_of(filmed(stabilisation=stabilisation).motion_photo(scene()))
-    assert evidence.finding is None and evidence.reason.code is Code.FILM_STABILISED
+    assert evidence.finding is None and evidence.reason.code is Code.EMBEDDED_VIDEO_STABILISED
 
 
-def test_a_photo_says_that_its_film_is_stabilised_and_not_used(tmp_path, capsys):
+def test_a_photo_says_that_its_video_is_stabilised_and_not_used(tmp_path, capsys):
     (tmp_path / "photo.jpg").write_bytes(filmed(stabilisation=Stabilisation.FRAMES).motion_photo(scene()))
     log, words = tmp_path / "log.jsonl", ["rectify", str(tmp_path / "photo.jpg"), "--focal-px", str(FOCAL)]
     assert main([*words, "-o", str(tmp_path / "out.jpg"), "--json-log", str(log)]) == 0
-    assert "; the film inside it is stabilised: not used" in capsys.readouterr().err
+    assert "; the video inside it is stabilised: not used" in capsys.readouterr().err
     assert '"film": {"code": "film-stabilised"' in log.read_text()
     found = unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL)
-    assert found.film.code is Code.FILM_STABILISED
-    assert Finding.from_json(found.to_json()).film == found.film
-    assert unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL, no_film=True).film is None
+    assert found.video_unused.code is Code.EMBEDDED_VIDEO_STABILISED
+    assert Finding.from_json(found.to_json()).video_unused == found.video_unused
+    assert unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL, no_film=True).video_unused is None
 
 
 def test_a_camera_that_stood_still_is_left_alone():
     data = filmed(moving=False).motion_photo(scene())
     result = unshutter.rectify(data, focal_px=FOCAL)
     assert not result.changed and result.verdict.cause is Cause.NO_MOTION
-    assert result.found.reason.code is Code.FILM_STOOD_STILL
+    assert result.found.reason.code is Code.EMBEDDED_VIDEO_STOOD_STILL
 
 
 def test_an_even_pan_has_a_usual_readout_time_and_says_how_unsure_that_is():
@@ -142,74 +144,74 @@ def test_an_even_pan_has_a_usual_readout_time_and_says_how_unsure_that_is():
     assert of_fast.expected_error > 1.5 * of_slow.expected_error
 
 
-def test_another_photos_film_says_nothing(hurried):
+def test_another_photos_video_says_nothing(hurried):
     _, data = hurried
-    film = data[data.index(b"ftyp") - 4 :]
-    other = motion_photo(textured(HEIGHT, WIDTH)[::-1].copy(), _packet(film), film)
-    assert evidence_of(other).reason.code is Code.FILM_DIFFERS
+    video = data[data.index(b"ftyp") - 4 :]
+    other = motion_photo(textured(HEIGHT, WIDTH)[::-1].copy(), _packet(video), video)
+    assert evidence_of(other).reason.code is Code.EMBEDDED_VIDEO_DIFFERS
 
 
-@pytest.mark.parametrize("film", [FILM, FILM[:100]])
-def test_a_film_that_cannot_be_read_is_none(film):
-    assert evidence_of(motion_photo(textured(HEIGHT, WIDTH), _packet(film), film)) is None
+@pytest.mark.parametrize("video", [VIDEO, VIDEO[:100]])
+def test_a_video_that_cannot_be_read_is_none(video):
+    assert evidence_of(motion_photo(textured(HEIGHT, WIDTH), _packet(video), video)) is None
 
 
 @pytest.mark.parametrize(("moment_s", "frames"), [(20.0, range(57, 60)), (12.0, range(33, 40)), (1e6, ())])
-def test_a_long_film_is_decoded_around_the_moment_only(tmp_path, monkeypatch, moment_s, frames):
-    """A film of three frames a second, with a key frame every ten frames."""
+def test_a_long_video_is_decoded_around_the_moment_only(tmp_path, monkeypatch, moment_s, frames):
+    """A video of three frames a second, with a key frame every ten frames."""
     path = clips.write(
         tmp_path / "a.mp4", clips.standing(1) * 60, times=[k / 3 for k in range(60)], options={"g": "10"}
     )
-    monkeypatch.setattr(film_module, "_MOST_BEFORE", 25 - film_module._MOST_FRAMES)  # fewer than from the start
-    film = film_module.decode_film(PhotoFilm(path.read_bytes(), moment_s))
-    assert (film is None) == (not frames)
-    if film is not None:
-        assert np.round(film.times_s * 3).astype(int).tolist() == list(frames)
+    monkeypatch.setattr(video_module, "_MOST_BEFORE", 25 - video_module._MOST_FRAMES)  # fewer than from the start
+    video = video_module.decode_embedded_video(EmbeddedVideo(path.read_bytes(), moment_s))
+    assert (video is None) == (not frames)
+    if video is not None:
+        assert np.round(video.times_s * 3).astype(int).tolist() == list(frames)
 
 
-def test_a_film_that_was_cut_off_says_nothing(hurried):
+def test_a_video_that_was_cut_off_says_nothing(hurried):
     _, data = hurried
-    film = data[data.index(b"ftyp") - 4 :]
-    cut = film[: len(film) // 20]
+    video = data[data.index(b"ftyp") - 4 :]
+    cut = video[: len(video) // 20]
     evidence = evidence_of(motion_photo(textured(HEIGHT, WIDTH), _packet(cut), cut))
     assert evidence is None or evidence.finding is None
 
 
 @pytest.mark.parametrize("seed", [0, *map(thorough, range(1, 4))])
-def test_a_damaged_film_says_nothing_or_something(hurried, seed):
+def test_a_damaged_video_says_nothing_or_something(hurried, seed):
     _, data = hurried
-    film, rng = bytearray(data[data.index(b"ftyp") - 4 :]), np.random.default_rng(seed)
-    for at in rng.integers(48, len(film), 30 * seed + 3):
-        film[at] = rng.integers(256)
-    whole = data[: len(data) - len(film)] + bytes(film)
+    video, rng = bytearray(data[data.index(b"ftyp") - 4 :]), np.random.default_rng(seed)
+    for at in rng.integers(48, len(video), 30 * seed + 3):
+        video[at] = rng.integers(256)
+    whole = data[: len(data) - len(video)] + bytes(video)
     evidence = evidence_of(whole)
     assert evidence is None or evidence.reason is not None or np.isfinite(evidence.finding.motion.rz_rad).all()
 
 
 def test_frames_that_show_nothing_say_nothing(hurried):
     _, data = hurried
-    dull = Film([np.full((90, 160), 120, np.uint8)] * 12, np.arange(12) / 30)
+    dull = DecodedVideo([np.full((90, 160), 120, np.uint8)] * 12, np.arange(12) / 30)
     view = View(Photo.from_bytes(data), Camera(focal_px=FOCAL))
-    assert motion_by(dull, view).reason.code is Code.FILM_DIFFERS
-    assert motion_by(replace(dull, frames=dull.frames[:3]), view).reason.code is Code.FILM_TOO_SHORT
+    assert motion_by(dull, view).reason.code is Code.EMBEDDED_VIDEO_DIFFERS
+    assert motion_by(replace(dull, frames=dull.frames[:3]), view).reason.code is Code.EMBEDDED_VIDEO_TOO_SHORT
     at_once = replace(filmed_frames(), times_s=np.zeros(18))
-    assert motion_by(at_once, view).reason.code is Code.FILM_TOO_SHORT
+    assert motion_by(at_once, view).reason.code is Code.EMBEDDED_VIDEO_TOO_SHORT
 
 
 def filmed_frames():
-    frames = [np.ascontiguousarray(frame) for frame in filmed().film(scene())]
-    return Film(frames, np.arange(len(frames)) / 30, 8 / 30)
+    frames = [np.ascontiguousarray(frame) for frame in filmed().video(scene())]
+    return DecodedVideo(frames, np.arange(len(frames)) / 30, 8 / 30)
 
 
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg writes Apple's films")
-def test_a_live_photo_has_its_film_next_to_it(hurried, tmp_path):
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg writes Apple's videos")
+def test_a_live_photo_has_its_video_next_to_it(hurried, tmp_path):
     case, data = hurried
-    film = data[data.index(b"ftyp") - 4 :]
-    (tmp_path / "film.mp4").write_bytes(film)
+    video = data[data.index(b"ftyp") - 4 :]
+    (tmp_path / "video.mp4").write_bytes(video)
     name = "0E4B1E4C-0F1A-4B6B-A6A2-51C1B3A8B2D1"
     tag = f"com.apple.quicktime.content.identifier={name}"
     words = ["-c", "copy", "-movflags", "use_metadata_tags", "-metadata", tag]
-    command = ["ffmpeg", "-v", "error", "-i", tmp_path / "film.mp4", *words, tmp_path / "IMG_1.MOV"]
+    command = ["ffmpeg", "-v", "error", "-i", tmp_path / "video.mp4", *words, tmp_path / "IMG_1.MOV"]
     subprocess.run(command, check=True)
     note = b"Apple iOS\0\0\1MM" + directory(">", 14, (0x0011, 2, name.encode() + b"\0"))
     exif = exif_with_note(note, "Apple")
@@ -217,20 +219,20 @@ def test_a_live_photo_has_its_film_next_to_it(hurried, tmp_path):
     for file, own in (("IMG_1.JPG", exif), ("IMG_2.JPG", exif)):
         (tmp_path / file).write_bytes(encoded(still, "JPEG", exif=own, quality=95))
     view = View(Photo.open(tmp_path / "IMG_1.JPG"), Camera(focal_px=FOCAL))
-    found = film_motion(view)
+    found = motion_by_embedded_video(view)
     assert found is not None and found.finding is not None
     assert error_px(found.finding.motion, case) < 0.5
-    assert Photo.open(tmp_path / "IMG_2.JPG").film() is None
+    assert Photo.open(tmp_path / "IMG_2.JPG").embedded_video() is None
     other = note.replace(name.encode(), name[::-1].encode())
     (tmp_path / "IMG_1.JPG").write_bytes(encoded(still, "JPEG", exif=exif_with_note(other, "Apple"), quality=95))
-    assert film_motion(View(Photo.open(tmp_path / "IMG_1.JPG"))) is None
+    assert motion_by_embedded_video(View(Photo.open(tmp_path / "IMG_1.JPG"))) is None
 
 
-def test_a_heic_has_its_film_in_a_box(hurried):
+def test_a_heic_has_its_video_in_a_box(hurried):
     case, data = hurried
-    film = data[data.index(b"ftyp") - 4 :]
+    video = data[data.index(b"ftyp") - 4 :]
     heif = heic(np.repeat(Photo.from_bytes(data).pixels[..., :1], 3, axis=2))
-    boxed = heif + struct.pack(">I4s", len(film) + 8, b"mpvd") + film
-    assert Photo.from_bytes(boxed).film().place == film
+    boxed = heif + struct.pack(">I4s", len(video) + 8, b"mpvd") + video
+    assert Photo.from_bytes(boxed).embedded_video().place == video
     assert error_px(evidence_of(boxed).finding.motion, case) < 0.5
-    assert Photo.from_bytes(heif).film() is None
+    assert Photo.from_bytes(heif).embedded_video() is None

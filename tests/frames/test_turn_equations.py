@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.camera import TurnEquations, student_weights
+from unshutter.frames.camera import RotationEquations, student_weights
 
 PAIRS, MOST, LOCAL, UNKNOWNS = 3, 20, 6, 4
 
@@ -12,7 +12,7 @@ PAIRS, MOST, LOCAL, UNKNOWNS = 3, 20, 6, 4
 def equations():
     rng = np.random.default_rng(0)
     spline, jacobian = rng.normal(size=(PAIRS, MOST, LOCAL)), rng.normal(size=(PAIRS, MOST, 2, UNKNOWNS))
-    return TurnEquations(spline, jacobian, rng.normal(size=(PAIRS, MOST, 2)))
+    return RotationEquations(spline, jacobian, rng.normal(size=(PAIRS, MOST, 2)))
 
 
 def design(equations):

@@ -42,12 +42,12 @@ class Fuzz:
         server: that runs.
         client: by which it is asked.
         seed: of what is drawn at random.
-        photo, film: small files.
+        photo, video: small files.
     """
 
-    def __init__(self, server: Server, client: httpx.Client, seed: int, photo: bytes, film: bytes):
-        self.server, self.client, self.photo, self.film = server, client, photo, film
-        self.ids = {kind: self._opened(kind, data) for kind, data in (("photos", photo), ("clips", film))}
+    def __init__(self, server: Server, client: httpx.Client, seed: int, photo: bytes, video: bytes):
+        self.server, self.client, self.photo, self.film = server, client, photo, video
+        self.ids = {kind: self._opened(kind, data) for kind, data in (("photos", photo), ("clips", video))}
         self.odd = Odd(seed, list(self.ids.values()), METHODS)
         self.counts: Counter[str] = Counter()
         self.failures: list[str] = []
@@ -149,10 +149,10 @@ def run(family: str, requests: int, seed: int) -> int:
     """Asks so much of one kind; returns how many answers were wrong."""
     photo, motion = encoded(textured(120, 160), "JPEG"), clips.moving(12)[1]
     with TemporaryDirectory() as name:
-        film = clips.write(Path(name) / "walk.mp4", motion, options={"preset": "ultrafast"}).read_bytes()
+        video = clips.write(Path(name) / "walk.mp4", motion, options={"preset": "ultrafast"}).read_bytes()
         home = Path(name) / "home"
         with served(home) as server, server.client() as client:
-            fuzz = Fuzz(server, client, seed, photo, film)
+            fuzz = Fuzz(server, client, seed, photo, video)
             ask: Callable[[], None] = getattr(fuzz, family)
             ask()
             memory, before, start = rss(server.process.pid), _lying(home), time.monotonic()

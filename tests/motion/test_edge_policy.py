@@ -40,7 +40,7 @@ def leaving(share: float) -> Callable[[], Tile]:
 )
 def test_a_crop_is_decided_by_what_it_leaves(asked: Any, share: float, decision: str) -> None:
     made = EdgePolicy(asked).decide(SIZE, leaving(share))
-    assert (made.edges, made.whole) == (decision, pytest.approx(share, abs=0.01))
+    assert (made.edges, made.area_left) == (decision, pytest.approx(share, abs=0.01))
     assert made.window == (leaving(share)() if decision == "crop" else Tile(0, 100, 0, 200))
 
 

@@ -174,14 +174,14 @@ def test_large_pictures_are_cropped_to_what_the_photo_saw(height: int, width: in
     assert (found.pixels == 200).all()
     exact = rectangle(validity_mask(motion), any_shape=True)
     assert found.pixels.shape[1] >= exact[2] - 8
-    assert found.whole == pytest.approx(found.pixels.size / (height * width))
+    assert found.area_left == pytest.approx(found.pixels.size / (height * width))
 
 
 @pytest.mark.parametrize("share", [0.3, 5.0])
 def test_automatic_edges_crop_however_much_is_lost(share: float):
     pixels, motion = drawn_scene(300, 400), shake(300, 400, share)
     found = straighten(pixels, motion, "auto")
-    assert found.edges == "crop" and found.whole is not None and (found.whole < 0.8) == (share == 5.0)
+    assert found.edges == "crop" and found.area_left is not None and (found.area_left < 0.8) == (share == 5.0)
     np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, "crop"))
 
 
@@ -189,7 +189,7 @@ def test_where_a_crop_leaves_next_to_nothing_automatic_edges_keep_the_photo():
     pixels = drawn_scene(100, 100)
     motion = RowMotion(100, np.full(100, 95.0), np.zeros(100))
     found = straighten(pixels, motion, "auto")
-    assert found.edges == "keep" and found.whole == pytest.approx(0.06, abs=0.011)
+    assert found.edges == "keep" and found.area_left == pytest.approx(0.06, abs=0.011)
     np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, "keep"))
 
 
@@ -197,7 +197,7 @@ def test_where_a_crop_leaves_next_to_nothing_automatic_edges_keep_the_photo():
 def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
     pixels = drawn_scene(height, width)
     found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], height, width), "auto")
-    assert found.pixels.shape == pixels.shape and found.whole == 1
+    assert found.pixels.shape == pixels.shape and found.area_left == 1
 
 
 @pytest.mark.parametrize("edges", ["keep", "crop", "fill", "auto"])
@@ -205,7 +205,7 @@ def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
 def test_what_would_be_done_about_edges_is_what_is_done(edges, share):
     pixels, motion = drawn_scene(90, 120), shake(90, 120, share)
     frame, made = edge_decision(motion, edges), straighten(pixels, motion, edges)
-    assert (frame.edges, frame.whole) == (made.edges, made.whole)
+    assert (frame.edges, frame.area_left) == (made.edges, made.area_left)
     assert (frame.window.bottom - frame.window.top, frame.window.right - frame.window.left) == made.pixels.shape[:2]
     if frame.edges == "crop":
         kept = rectify_pixels(pixels, motion, "fill")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Finding, Motion, Readout, RotationMotion, RowMotion, UnshutterError, UsageError
+from unshutter import Finding, Motion, RotationMotion, RowMotion, ScanDirection, UnshutterError, UsageError
 from unshutter.motion.warp import rectify_pixels
 from unshutter.reasons import MotionSource, Reason
 
@@ -73,7 +73,7 @@ def test_kinds_are_final_and_override_nothing_concrete(make) -> None:
 def test_equal_by_value(make) -> None:
     assert make() == make()
     assert hash(make()) == hash(make())
-    assert make() != make(readout=Readout.LEFT_TO_RIGHT)
+    assert make() != make(scan_direction=ScanDirection.LEFT_TO_RIGHT)
     assert make() != make().scaled(0.5)
     assert [make() == other() for other in KINDS.values()].count(True) == 1
     assert make() != "a motion"
@@ -96,7 +96,7 @@ def test_the_repr_says_how_much_moves() -> None:
 
 @every_kind
 def test_pickled(make) -> None:
-    motion = make(readout=Readout.LEFT_TO_RIGHT)
+    motion = make(scan_direction=ScanDirection.LEFT_TO_RIGHT)
     motion.gs_to_rs(*grid())  # fills the caches
     back = pickle.loads(pickle.dumps(motion))
     assert back == motion
@@ -209,7 +209,7 @@ def test_one_row_is_enough(make) -> None:
 @every_kind
 @every_reference
 def test_a_file_gives_back_the_same_motion_and_picture(make, reference, tmp_path: Path) -> None:
-    motion = make(readout=Readout.RIGHT_TO_LEFT).rereferenced(reference)
+    motion = make(scan_direction=ScanDirection.RIGHT_TO_LEFT).rereferenced(reference)
     found = Finding(motion, estimator="x", source=MotionSource.PIXELS, confidence=0.25, version="0.0.9")
     found.save(tmp_path / "m.json")
     assert Finding.load(tmp_path / "m.json") == found

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.camera import ROWS, turn_jacobian
+from unshutter.frames.camera import ROWS, rotation_jacobian
 from unshutter.motion import Motion, RotationMotion
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix
@@ -53,7 +53,7 @@ def test_motion_through_a_lens_goes_there_and_back():
 
 def test_jacobian_predicts_small_turns():
     at, focal = np.array([[30.0, 20.0], [400.0, 200.0], [228.0, 128.0]]), 0.8 * ROWS
-    jacobian = turn_jacobian(at, 455.0, focal, LENS)
+    jacobian = rotation_jacobian(at, 455.0, focal, LENS)
     rays = np.stack(LENS.direction(*((at - [227.5, ROWS / 2]) / focal).T), axis=-1)
     for axis in range(3):
         turned = rays @ rotation_matrix(1e-5 * np.eye(3)[axis]).T

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unshutter import Finding, Motion, Readout, RowMotion, UnshutterError, UsageError, __version__
+from unshutter import Finding, Motion, RowMotion, ScanDirection, UnshutterError, UsageError, __version__
 from unshutter.reasons import Reason
 
 
@@ -98,7 +98,7 @@ def test_strength_scales_both_motions() -> None:
 
 
 def test_the_json_contract() -> None:
-    finding = Finding(wavy(readout=Readout.LEFT_TO_RIGHT), estimator="x", confidence=0.25)
+    finding = Finding(wavy(scan_direction=ScanDirection.LEFT_TO_RIGHT), estimator="x", confidence=0.25)
     data = json.loads(finding.to_json())
     assert list(data) == [
         "format",

@@ -18,7 +18,7 @@ from unshutter.motion.upright import Angle, Pose
 from unshutter.motion.verdict import judge
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import Camera, Rectify, Undo
-from unshutter.orientation import Orientation, Readout
+from unshutter.orientation import Orientation, ScanDirection
 from unshutter.page.sentences import verdict_json
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
@@ -135,7 +135,7 @@ def test_motion_and_pose_are_undone_in_one_warp() -> None:
     pixels = np.full((HEIGHT, WIDTH), 200, np.uint8)
     result = straighten(pixels, motion, "crop", upright=HELD)
     assert (result.pixels == 200).all() and result.pixels.shape != pixels.shape
-    assert edge_decision(motion, "crop", HELD).whole == result.whole
+    assert edge_decision(motion, "crop", HELD).area_left == result.area_left
     kept = straighten(pixels, RowMotion.zero(HEIGHT, WIDTH), "keep", upright=HELD).pixels
     outside = ~validity_mask(RowMotion.zero(HEIGHT, WIDTH), HELD)
     assert outside.sum() > 0 and (kept[cv2.erode(outside.astype(np.uint8), np.ones((5, 5))) > 0] == 0).all()
@@ -193,7 +193,7 @@ def test_a_photo_that_is_turned_is_changed(found: Finding, wish, words: str) -> 
 def test_a_measured_roll_is_not_taken_for_a_stated_one(stated: dict, levelled: bool, monkeypatch) -> None:
     """A measured roll of 15 degrees is meant, or a mistake: only a stated one is undone."""
     photo = Photo.from_array(np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-    monkeypatch.setattr(Photo, "attitude", Attitude(15.0, 0.0, "accelerometer (Acme)", Readout.TOP_TO_BOTTOM))
+    monkeypatch.setattr(Photo, "attitude", Attitude(15.0, 0.0, "accelerometer (Acme)", ScanDirection.TOP_TO_BOTTOM))
     view = View(photo, Camera(**stated))
     verdict = judge(view.noted(view.no_motion("me", Reason(Code.NO_VISIBLE_MOTION))), Undo(upright="level"))
     assert verdict.changes == levelled

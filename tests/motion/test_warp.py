@@ -15,17 +15,17 @@ from unshutter.motion import RowMotion, warp
 from unshutter.motion import grid as sampling_map
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map
 from unshutter.motion.warp import distort_pixels, rectify_pixels, validity_mask
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.storage import files
 from unshutter_lab.synthesis.row_motions import draw_quadratic
 
 
 def positions_by_motion(motion):
     """Exact RS positions of every pixel, stored frame, straight from Motion and Readout."""
-    size = motion.readout.frame_size(motion.height, motion.width)
+    size = motion.scan_direction.frame_size(motion.height, motion.width)
     row, col = np.mgrid[: size[0], : size[1]].astype(float)
-    frame = motion.gs_to_rs(*motion.readout.points_to_frame(col, row, *size))
-    return motion.readout.points_to_stored(*frame, *size)
+    frame = motion.gs_to_rs(*motion.scan_direction.points_to_frame(col, row, *size))
+    return motion.scan_direction.points_to_stored(*frame, *size)
 
 
 def bicubic(pixels, col, row, a=-0.75):
@@ -71,18 +71,20 @@ def bilinear(pixels, col, row):
 @given(
     height=st.integers(2, 200),
     width=st.integers(2, 200),
-    readout=st.sampled_from(Readout),
+    readout=st.sampled_from(ScanDirection),
     tx=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
     rz=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
 )
-@example(height=129, width=65, readout=Readout.LEFT_TO_RIGHT, tx=(0.1, 0.1), rz=(0.05, 0.05))  # nodes on the border
-@example(height=83, width=2, readout=Readout.RIGHT_TO_LEFT, tx=(0, 0.0625), rz=(0.046875, 0))  # cells across it
+@example(
+    height=129, width=65, readout=ScanDirection.LEFT_TO_RIGHT, tx=(0.1, 0.1), rz=(0.05, 0.05)
+)  # nodes on the border
+@example(height=83, width=2, readout=ScanDirection.RIGHT_TO_LEFT, tx=(0, 0.0625), rz=(0.046875, 0))  # cells across it
 def test_map_and_mask_equal_the_exact_inverse_at_every_pixel(height, width, readout, tx, rz):
     rows, cols = readout.frame_size(height, width)
     if not 0.5 <= rows / cols <= 2:
         rows = cols
         height, width = readout.frame_size(rows, cols)
-    motion = RowMotion.from_polynomials((0, *(t * rows for t in tx)), (0, *rz), rows, cols, readout=readout)
+    motion = RowMotion.from_polynomials((0, *(t * rows for t in tx)), (0, *rz), rows, cols, scan_direction=readout)
     col, row = positions_by_motion(motion)
     found_col, found_row = backward_map(motion)
     mask = validity_mask(motion)
@@ -107,10 +109,10 @@ def test_map_of_a_large_picture(jitter):
     assert np.abs(found_row[at[:, 0], at[:, 1]] - row)[seen].max() < 0.02
 
 
-@pytest.mark.parametrize("readout", Readout)
+@pytest.mark.parametrize("readout", ScanDirection)
 def test_a_smooth_motion_needs_few_nodes(readout):
     """That is what makes the map cheap; a kink at the border would refine the grid to every pixel."""
-    motion = shake(*readout.frame_size(1500, 2000), share=0.5, readout=readout)
+    motion = shake(*readout.frame_size(1500, 2000), share=0.5, scan_direction=readout)
     grid = SamplingGrid.of(gs_to_rs_map(motion), 1500, 2000)
     assert grid.row_step * grid.col_step >= 16 * 16
 
@@ -124,18 +126,18 @@ def test_a_motion_that_folds_the_picture_is_refused():
 # ---- what is drawn ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("readout", Readout)
+@pytest.mark.parametrize("readout", ScanDirection)
 def test_signs_on_a_drawn_bar(readout):
     """t_x > 0 moves what a row saw to the right; a distorted bar stands where t_x says, and upright again after."""
     frame = np.zeros((80, 100), dtype=np.uint8)
     frame[:, 30] = 200
-    motion = RowMotion.from_polynomials([0, 20], [0, 0], 80, 100, readout=readout)
+    motion = RowMotion.from_polynomials([0, 20], [0, 0], 80, 100, scan_direction=readout)
     rs = distort_pixels(as_stored(frame, readout), motion)
-    in_frame = readout.turn(rs)
+    in_frame = readout.to_scan_frame(rs)
     middle = (in_frame * np.arange(100)).sum(1) / in_frame.sum(1)
     assert middle == pytest.approx(30 + motion.tx_px, abs=0.05)
     back = rectify_pixels(rs, motion)
-    again = readout.turn(back)
+    again = readout.to_scan_frame(back)
     assert (again * np.arange(100.0)).sum(1) / again.sum(1) == pytest.approx(np.full(80, 30), abs=0.1)
 
 
@@ -172,16 +174,16 @@ def test_round_trip_is_within_half_a_decibel_of_the_interpolation_limit(seed):
     assert psnr(rs) < psnr(found) - 15
 
 
-@pytest.mark.parametrize("readout", Readout)
+@pytest.mark.parametrize("readout", ScanDirection)
 @pytest.mark.parametrize("edges", ["keep", "crop", "fill"])
 def test_readouts_give_the_same_picture_turned(readout, edges):
     frame = drawn_scene(120, 160, dtype=np.uint16)
     upright = rectify_pixels(frame, shake(120, 160), edges)
-    stored = rectify_pixels(as_stored(frame, readout), shake(120, 160, readout=readout), edges)
+    stored = rectify_pixels(as_stored(frame, readout), shake(120, 160, scan_direction=readout), edges)
     if edges == "crop":  # of two equally good places the first is taken, and turning may change which
-        assert readout.turn(stored).shape == upright.shape
+        assert readout.to_scan_frame(stored).shape == upright.shape
         return
-    difference = np.abs(readout.turn(stored).astype(int) - upright)
+    difference = np.abs(readout.to_scan_frame(stored).astype(int) - upright)
     if edges == "keep":  # on the very border rounding decides
         difference = difference[validity_mask(shake(120, 160))]
     assert difference.max() <= 257  # one grey level of 8 bits
@@ -294,7 +296,7 @@ def test_wrong_size_names_both_sizes():
         with pytest.raises(UnshutterError, match="200x100 px but this one has 120x90 px"):
             function(image, shake(100, 200))
     with pytest.raises(UnshutterError, match="90x120 px"):
-        rectify_pixels(image, shake(90, 120, readout=Readout.LEFT_TO_RIGHT))
+        rectify_pixels(image, shake(90, 120, scan_direction=ScanDirection.LEFT_TO_RIGHT))
 
 
 def test_unknown_edges():

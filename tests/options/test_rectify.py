@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from unshutter.errors import UsageError
-from unshutter.options import Camera, Clock, Find, Neighbours, Odds, Rectify, Undo
+from unshutter.options import Camera, Clock, DecisionOptions, Find, Neighbours, Rectify, Undo
 
 SEQUENCE = Neighbours(sequence=True)
 
@@ -28,7 +28,7 @@ def test_what_follows_from_options_for_others() -> None:
     assert Rectify(motion=Path("m.json")).settled().undo == Undo(min_confidence=0)
     assert Rectify(neighbours=SEQUENCE).settled().undo == Undo(edges="keep")
     assert Rectify(neighbours=SEQUENCE, undo=Undo(edges="crop")).settled().undo == Undo(edges="crop")
-    assert Rectify(undo=Undo(min_confidence=0)).settled().find == Find(odds=Odds(least_confidence=0))
+    assert Rectify(undo=Undo(min_confidence=0)).settled().find == Find(decision=DecisionOptions(least_confidence=0))
     assert Rectify().settled() == Rectify()
 
 

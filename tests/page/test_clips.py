@@ -123,9 +123,9 @@ def test_a_clip_is_the_command_lines(
 def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) -> None:
     """Its frames show it, so that the page and the command line both undo its motion that way."""
     greys = [np.ascontiguousarray(np.rot90(grey, 3)) for grey in clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]]
-    film = clips.write(tmp_path / "turned.mkv", greys, "ffv1")
-    assert main(["video", str(film), "-o", str(tmp_path / "expected.mkv")]) == 0
-    id = _opened(client, film, "turned.mkv")
+    video = clips.write(tmp_path / "turned.mkv", greys, "ffv1")
+    assert main(["video", str(video), "-o", str(tmp_path / "expected.mkv")]) == 0
+    id = _opened(client, video, "turned.mkv")
     assert client.get(f"/api/clips/{id}/readout").json()["direction"] == "right-to-left"
     after = client.get(f"/api/clips/{id}/after", params={"moment": "2"})
     assert json.loads(after.headers["unshutter-result"])["changed"]
@@ -137,19 +137,19 @@ def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) 
 
 def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Only options that the plan depends on ask for another; the bytes are the command line's in any case."""
-    film = clips.write(tmp_path / "walk.mkv", clips.moving(40)[1], "ffv1")
-    stored = OpenFile("x", "clip", "walk.mkv", film, 1_000_000)
+    video = clips.write(tmp_path / "walk.mkv", clips.moving(40)[1], "ffv1")
+    stored = OpenFile("x", "clip", "walk.mkv", video, 1_000_000)
     asked: list[str] = []
 
     def counted(module: ModuleType, name: str) -> None:
         real = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *given: asked.append(name) or real(*given))
 
-    counted(camera, "survey")
+    counted(camera, "sample_frames")
     counted(plan, "gain_of_clip")
-    clip_jobs.readout(stored, RectifyClip())
+    clip_jobs.measure_readout_time(stored, RectifyClip())
     clip_jobs.after(stored, RectifyClip(), 2, 320)
-    judged = ["survey", "gain_of_clip"]
+    judged = ["sample_frames", "gain_of_clip"]
     for number, (flags, again) in enumerate(
         (
             ({}, []),
@@ -164,7 +164,7 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
         clip_jobs.rectified(stored, result, read_clip(flags), ProgressFile(tmp_path / "progress.json"))
         assert asked == again
         words = [word for flag, value in flags.items() for word in (f"--{flag}", value)]
-        assert main(["video", str(film), "-o", str(tmp_path / f"expected{number}.mkv"), *words]) == 0
+        assert main(["video", str(video), "-o", str(tmp_path / f"expected{number}.mkv"), *words]) == 0
         assert result.read_bytes() == (tmp_path / f"expected{number}.mkv").read_bytes()
 
 
@@ -217,12 +217,12 @@ def test_a_search_that_nobody_waits_for_is_stopped(client: httpx.Client, long_wa
     assert becomes(stands_still) and noted[0].get("done", 0) < noted[0].get("total", 1)
 
 
-def test_the_film_shows_stabilisation(client: httpx.Client, walk: Path) -> None:
+def test_the_video_shows_stabilisation(client: httpx.Client, walk: Path) -> None:
     id = _opened(client, walk)
     last = {}
     for seconds in ("", "2"):
-        film = client.get(f"/api/clips/{id}/film", params={**RATIO, "stabilize": seconds, "moment": 2})
-        frames = list(av.open(io.BytesIO(film.content), "r").decode(video=0))
+        video = client.get(f"/api/clips/{id}/film", params={**RATIO, "stabilize": seconds, "moment": 2})
+        frames = list(av.open(io.BytesIO(video.content), "r").decode(video=0))
         assert len(frames) == len(GREYS)
         last[seconds] = frames[-1].to_ndarray(format="gray").astype(float)
     before, after = (slice(None), slice(clips.WIDTH)), (slice(None), slice(clips.WIDTH, None))
@@ -321,11 +321,11 @@ def test_clips_that_cannot_be_used(client: httpx.Client, walk: Path, tmp_path: P
     cut = tmp_path / "cut.mp4"
     cut.write_bytes(walk.read_bytes()[: walk.stat().st_size * 2 // 3])
     letter = tmp_path / "letter.mp4"
-    letter.write_text("no film" * 100)
+    letter.write_text("no video" * 100)
     for path, told in (
         (sound, "contains no video"),
         (cut, "cannot read the clip"),
-        (letter, "no film that can be read"),
+        (letter, "no video that can be read"),
     ):
         id = _opened(client, path)
         _refused(client.get(f"/api/clips/{id}/before"), 422, told)
@@ -361,10 +361,10 @@ def test_a_playlist_is_no_clip(client: httpx.Client, walk: Path, tmp_path: Path)
     """It would have the decoder open other files of this machine, or fetch something."""
     playlist = tmp_path / "list.mp4"
     playlist.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{walk}\n#EXT-X-ENDLIST\n")
-    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no film that can be read")
+    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no video that can be read")
     playlist.write_text(f"ffconcat version 1.0\nfile '{walk.name}'\n")
     (tmp_path / walk.name).write_bytes(walk.read_bytes())
-    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no film that can be read")
+    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no video that can be read")
 
 
 def test_too_large_and_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,18 +9,18 @@ import pytest
 from support.page_server import TOKEN, Asking, desk
 from unshutter.page.app import application
 from unshutter.page.settings import Settings
-from unshutter.page.store import Desk
+from unshutter.page.store import ServerState
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 
 
 @pytest.fixture
-def small() -> Iterator[Desk]:
+def small() -> Iterator[ServerState]:
     with desk(Settings(token=TOKEN, max_mb=2)) as one:
         yield one
 
 
-def test_a_body_that_says_it_is_too_large(small: Desk) -> None:
+def test_a_body_that_says_it_is_too_large(small: ServerState) -> None:
     client = Asking(application(small, TOKEN, 80))
     answer = client.post("/api/photos", headers=KNOWN, content=bytes(4_000_000))
     assert answer.status_code == 413
@@ -28,7 +28,7 @@ def test_a_body_that_says_it_is_too_large(small: Desk) -> None:
     assert not list(small.store.folder.glob("*/photo*"))
 
 
-def test_a_body_that_does_not_say_it_is_too_large(small: Desk) -> None:
+def test_a_body_that_does_not_say_it_is_too_large(small: ServerState) -> None:
     async def pieces() -> AsyncIterator[bytes]:
         for _ in range(40):
             yield bytes(100_000)
@@ -39,7 +39,7 @@ def test_a_body_that_does_not_say_it_is_too_large(small: Desk) -> None:
 
 
 @pytest.mark.parametrize("pause_s", [0.02, 5.0])
-def test_a_body_that_dribbles(small: Desk, pause_s: float) -> None:
+def test_a_body_that_dribbles(small: ServerState, pause_s: float) -> None:
     """By single bytes, or with long pauses: given up, and nothing of it stays."""
 
     async def dribble():
@@ -58,7 +58,7 @@ def test_a_body_that_dribbles(small: Desk, pause_s: float) -> None:
     assert not list(small.store.folder.glob("*/photo*"))
 
 
-def test_too_many_photos(small: Desk) -> None:
+def test_too_many_photos(small: ServerState) -> None:
     small.store.most_files = 2
     client = Asking(application(small, TOKEN, 80))
     answers = [client.post("/api/photos", headers=KNOWN, content=b"x") for _ in range(3)]
@@ -67,7 +67,7 @@ def test_too_many_photos(small: Desk) -> None:
     assert client.post("/api/photos", headers=KNOWN, content=b"x").status_code == 201
 
 
-def test_room_for_so_many_bytes(small: Desk) -> None:
+def test_room_for_so_many_bytes(small: ServerState) -> None:
     small.store.most_bytes = 1_000
     client = Asking(application(small, TOKEN, 80))
     assert client.post("/api/photos", headers=KNOWN, content=bytes(900)).status_code == 201

@@ -98,8 +98,8 @@ def test_results_of_clips(name: str, result: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["walk", "x%05d.png", "x%05d.jpg", "walk.tif", "list.m3u8", "list.mpd", "walk.txt"])
-def test_names_of_no_film(name: str) -> None:
-    """Of pictures FFmpeg would write one for each frame, and next to playlists the film in pieces."""
+def test_names_of_no_video(name: str) -> None:
+    """Of pictures FFmpeg would write one for each frame, and next to playlists the video in pieces."""
     with pytest.raises(UsageError, match=f"the name '{name}' has no extension: add one"):
         clip_result(name)
 
@@ -126,9 +126,9 @@ def test_a_long_name_does_not_spoil_the_others(client: httpx.Client, photo: Path
     ]
 
 
-def test_a_film_named_like_pictures_is_one_file(client: httpx.Client, tmp_path: Path) -> None:
-    film = clips.write(tmp_path / "walk.mp4", clips.moving(12)[1]).read_bytes()
-    ids = [_opened(client, "clips", name, film) for name in ("x%05d.png", "x%05d.mp4", "list.m3u8")]
+def test_a_video_named_like_pictures_is_one_file(client: httpx.Client, tmp_path: Path) -> None:
+    video = clips.write(tmp_path / "walk.mp4", clips.moving(12)[1]).read_bytes()
+    ids = [_opened(client, "clips", name, video) for name in ("x%05d.png", "x%05d.mp4", "list.m3u8")]
     items = [{"id": id, "options": {"readout-ratio": "0.6"}} for id in ids]
     saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
     done = list(events(client, saving["id"]))[-1]["done"]

@@ -144,14 +144,14 @@ def test_as_it_is_ticks_leave_this_photo_alone(page: Page, photo: Path) -> None:
     expect(page.get_by_role("button", name=STILL)).to_have_attribute("aria-pressed", "false")
 
 
-def test_why_the_film_inside_a_photo_says_nothing(page: Page, facade, tmp_path: Path) -> None:
-    film = clips.write(tmp_path / "film.mp4", clips.standing(3)).read_bytes()
-    said = packet(item("Primary", 0) + item("MotionPhoto", len(film), "video/mp4"), 'Cam:MotionPhoto="1"')
-    (tmp_path / "live.jpg").write_bytes(motion_photo(facade, said, film))
+def test_why_the_video_inside_a_photo_says_nothing(page: Page, facade, tmp_path: Path) -> None:
+    video = clips.write(tmp_path / "video.mp4", clips.standing(3)).read_bytes()
+    said = packet(item("Primary", 0) + item("MotionPhoto", len(video), "video/mp4"), 'Cam:MotionPhoto="1"')
+    (tmp_path / "live.jpg").write_bytes(motion_photo(facade, said, video))
     drop(page, tmp_path / "live.jpg")
     wait_for(page, "alone")
-    line = "Judged by the photo alone, since the film inside it is too short."
+    line = "Judged by the photo alone, since the video inside it is too short."
     expect(page.locator(SAID)).to_contain_text(line)
     page.locator("#advanced summary").click()
-    page.get_by_label("Do not use the film inside the photo").check()
+    page.get_by_label("Do not use the video inside the photo").check()
     expect(page.locator(SAID)).not_to_contain_text(line)

@@ -110,11 +110,11 @@ def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page
 
 
 def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
-    film = clips.write(tmp_path / "long.mp4", clips.moving(40)[1])
-    drop(page, film)
+    video = clips.write(tmp_path / "long.mp4", clips.moving(40)[1])
+    drop(page, video)
     expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
     expect(page.locator("#clip-panel")).to_contain_text(re.compile(r"Found: (19|20|21)\.\d ± [01]\.\d ms"))
-    (measured,) = unshutter.measure_clips([film])
+    (measured,) = unshutter.measure_clips([video])
     assert measured.wobble_px is not None and measured.wobble_px > 0.1
     digits = 2 if measured.wobble_px < 1 else 1
     expect(page.locator("#clip-panel")).to_contain_text(f"wobbles by {measured.wobble_px:.{digits}f} px from frame")
@@ -173,7 +173,7 @@ def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
     cut.write_bytes(walk.read_bytes()[: walk.stat().st_size // 2])
     drop(page, cut)
     wait_for(page, "failed")
-    text = "Cannot read the clip: no film that can be read; the file may be cut off or damaged."
+    text = "Cannot read the clip: no video that can be read; the file may be cut off or damaged."
     next_step = "Close it with ×, and choose a photo or a clip (.mp4, .mov, .mkv …)."
     expect(page.locator("#stage .message")).to_have_text(f"{text} {next_step}")
     expect(page.locator("#zoom")).to_be_hidden()  # there is nothing to look at
@@ -192,7 +192,7 @@ def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
 
 
 def _canvas(page: Page, which: str) -> list[int]:
-    """Some pixels of one half of the film."""
+    """Some pixels of one half of the video."""
     return page.locator(f".layer.{which} canvas").evaluate(
         """canvas => [...canvas.getContext("2d").getImageData(0, canvas.height / 2, canvas.width, 1).data]"""
     )
@@ -221,7 +221,7 @@ def test_before_and_after_play_in_step(page: Page, stroll: Path) -> None:
 
     assert becomes(shows_another_frame)
     assert _canvas(page, "before") != _canvas(page, "after")  # the same frame, straightened
-    page.locator("#clip-strength").fill("50")  # another wish: the film is gone
+    page.locator("#clip-strength").fill("50")  # another wish: the video is gone
     expect(page.locator(".layer canvas")).to_have_count(0)
 
 
@@ -282,8 +282,8 @@ def test_a_saved_clip_is_marked(page: Page, stroll: Path) -> None:
 
 
 def test_a_steadied_clip_is_the_one_of_the_command_line(page: Page, tmp_path: Path) -> None:
-    film = clips.write(tmp_path / "walk.mkv", GREYS[:14], "ffv1")
-    drop(page, film)
+    video = clips.write(tmp_path / "walk.mkv", GREYS[:14], "ffv1")
+    drop(page, video)
     _give_readout(page)
     wait_for(page, "done")
     page.get_by_label("Steady the camera").check()
@@ -299,7 +299,7 @@ def test_a_steadied_clip_is_the_one_of_the_command_line(page: Page, tmp_path: Pa
     expect(page.locator(".thumbnail .state")).to_have_text("saved")
     assert save.bounding_box() == place
     by_command = tmp_path / "steady.mkv"
-    run_command("video", film, "-o", by_command, "--readout-ms", "20", "--stabilize", "4")
+    run_command("video", video, "-o", by_command, "--readout-ms", "20", "--stabilize", "4")
     assert download.value.path().read_bytes() == by_command.read_bytes()
 
 
@@ -316,8 +316,8 @@ def test_leaving_asks_only_for_a_clip_that_was_worked_on(page: Page, walk: Path)
 
 def test_encoders_are_those_of_this_machine(page: Page, stroll: Path, tmp_path: Path) -> None:
     """The lists hold what can be written for the clip; what only another encoder takes is forgotten with it."""
-    film = clips.write(tmp_path / "walk.mkv", GREYS[:14], "ffv1")
-    drop(page, stroll, film)
+    video = clips.write(tmp_path / "walk.mkv", GREYS[:14], "ffv1")
+    drop(page, stroll, video)
     values = "nodes => nodes.map(node => node.value)"
     codec, quality, speed = (page.locator(f"#clip-{name}") for name in ("option-codec", "crf", "option-preset"))
     expect(quality.locator("option")).to_have_text(["as the clip", "visually lossless", "smaller"])
@@ -341,8 +341,8 @@ def test_encoders_are_those_of_this_machine(page: Page, stroll: Path, tmp_path: 
 def test_lists_of_encoders_follow_frames_and_format(client: httpx.Client, tmp_path: Path) -> None:
     usual = {}
     for ending in (".mov", ".mkv", ".mp4"):
-        film = clips.write(tmp_path / f"deep{ending}", GREYS[:3], "libx264", "yuv422p10le")
-        sent = client.post("/api/clips", content=film.read_bytes(), headers={"Unshutter-Name": film.name})
+        video = clips.write(tmp_path / f"deep{ending}", GREYS[:3], "libx264", "yuv422p10le")
+        sent = client.post("/api/clips", content=video.read_bytes(), headers={"Unshutter-Name": video.name})
         answer = client.get(f"/api/clips/{sent.json()['id']}/before")
         usual[ending] = set(json.loads(answer.headers["unshutter-result"])["encoders"]["usual"])
     deep = {name for name in ("libx264", "prores_ks", "ffv1") if _is_here(name)}

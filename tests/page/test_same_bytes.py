@@ -120,19 +120,19 @@ def test_clips(client: httpx.Client, tmp_path: Path) -> None:
     for folder in (originals, commands, python):
         folder.mkdir()
     moving = clips.moving(12)[1]
-    films = [
+    videos = [
         clips.write(originals / "walk.mkv", moving, "ffv1", sound=True),
         clips.write(originals / "walk.mov", moving, "prores_ks", "yuv422p10le"),
         clips.write(originals / "still.mkv", clips.standing(8), "ffv1"),
     ]
     ids = []
-    for film in films:
-        answer = client.post("/api/clips", content=film.read_bytes(), headers={"Unshutter-Name": film.name})
+    for video in videos:
+        answer = client.post("/api/clips", content=video.read_bytes(), headers={"Unshutter-Name": video.name})
         ids.append(answer.json()["id"])
-        run_command("video", film, "-o", commands / film.name, *clips.KNOWN)
-        unshutter.rectify_clip(str(film), str(python / film.name), readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
+        run_command("video", video, "-o", commands / video.name, *clips.KNOWN)
+        unshutter.rectify_clip(str(video), str(python / video.name), readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
     on_page = _from_the_page(client, ids, {"readout-ratio": str(clips.RATIO), "focal-px": str(clips.FOCAL)})
     assert list(on_page) == ["walk.rectified.mkv", "walk.rectified.mov", "still.mkv"]
-    for film, content in zip(films, on_page.values(), strict=True):
-        assert content == (commands / film.name).read_bytes() == (python / film.name).read_bytes()
-        assert (content == film.read_bytes()) == (film.stem == "still")
+    for video, content in zip(videos, on_page.values(), strict=True):
+        assert content == (commands / video.name).read_bytes() == (python / video.name).read_bytes()
+        assert (content == video.read_bytes()) == (video.stem == "still")

@@ -1,4 +1,4 @@
-"""What the page shows: positions, compared with pictures that are turned upright, and the film of a clip."""
+"""What the page shows: positions, compared with pictures that are turned upright, and the video of a clip."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from unshutter.orientation import Orientation, Readout
+from unshutter.orientation import Orientation, ScanDirection
 from unshutter.page import clip_jobs
 from unshutter.page.opened import arrows, corners_of, shares
 
@@ -35,17 +35,19 @@ def test_windows_go_with_their_pixels(orientation: Orientation) -> None:
 
 def test_arrows() -> None:
     assert arrows(1) == {
-        Readout.TOP_TO_BOTTOM: "down",
-        Readout.BOTTOM_TO_TOP: "up",
-        Readout.LEFT_TO_RIGHT: "right",
-        Readout.RIGHT_TO_LEFT: "left",
+        ScanDirection.TOP_TO_BOTTOM: "down",
+        ScanDirection.BOTTOM_TO_TOP: "up",
+        ScanDirection.LEFT_TO_RIGHT: "right",
+        ScanDirection.RIGHT_TO_LEFT: "left",
     }
-    assert arrows(6)[Readout.TOP_TO_BOTTOM] == "left"  # a phone held upright: stored rows stand, the first on the right
+    assert (
+        arrows(6)[ScanDirection.TOP_TO_BOTTOM] == "left"
+    )  # a phone held upright: stored rows stand, the first on the right
     for orientation in Orientation:
         assert sorted(arrows(orientation).values()) == ["down", "left", "right", "up"]
 
 
-def test_the_film_of_a_clip_shows_no_blocks(tmp_path: Path) -> None:
+def test_the_video_of_a_clip_shows_no_blocks(tmp_path: Path) -> None:
     """A constant quality: at a fixed bit rate, fine detail that turned came out in blocks (32 dB)."""
     leaves = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (360, 640)).astype(np.uint8), (0, 0), 1)
     leaves = cv2.cvtColor(leaves, cv2.COLOR_GRAY2RGB).astype(float)
@@ -53,7 +55,7 @@ def test_the_film_of_a_clip_shows_no_blocks(tmp_path: Path) -> None:
     turns = [cv2.getRotationMatrix2D((320, 180), 2.0 * k, 1.0) for k in range(16)]
     frames = [cv2.warpAffine(leaves, turn, (640, 360), borderMode=cv2.BORDER_REFLECT) for turn in turns]
     pairs = [np.concatenate([frame, frame], axis=1) for frame in frames]
-    clip_jobs._write(tmp_path / "film.webm", iter(pairs), 1 / 30)
-    with av.open(str(tmp_path / "film.webm")) as film:
-        shown = [frame.to_ndarray(format="rgb24")[:, :640] for frame in film.decode(video=0)]
+    clip_jobs._write(tmp_path / "video.webm", iter(pairs), 1 / 30)
+    with av.open(str(tmp_path / "video.webm")) as video:
+        shown = [frame.to_ndarray(format="rgb24")[:, :640] for frame in video.decode(video=0)]
     assert min(cv2.PSNR(one, other) for one, other in zip(frames, shown, strict=True)) > 34

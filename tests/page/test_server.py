@@ -88,7 +88,7 @@ def test_what_the_page_is_told(client: httpx.Client, photo: Path) -> None:
     told = json.loads(after.headers["unshutter-result"])
     assert told["changed"] and told["edges"] == "crop" and len(told["tx_px"]) == len(told["rz_deg"])
     left, top, right, bottom = told["crop"]
-    assert (right - left) * (bottom - top) == pytest.approx(told["whole"], abs=1e-6)
+    assert (right - left) * (bottom - top) == pytest.approx(told["area_left"], abs=1e-6)
     lines = client.get(f"/api/photos/{id}/segments").json()
     assert len(lines["before"]) == len(lines["after"]) > 20
     assert all(-0.5 < share < 1.5 for line in lines["after"] for share in line)
@@ -114,12 +114,12 @@ def test_unchanged_ones_keep_their_names_or_are_left_out(
     client: httpx.Client, photo: Path, tmp_path: Path, only_changed: bool
 ) -> None:
     still = clips.write(tmp_path / "still.mp4", [clips.moving(2)[1][0]] * 8)
-    film = client.post("/api/clips", content=still.read_bytes(), headers={"Unshutter-Name": "still.mp4"}).json()["id"]
+    video = client.post("/api/clips", content=still.read_bytes(), headers={"Unshutter-Name": "still.mp4"}).json()["id"]
     iphones = {"Unshutter-Name": "IMG_1.HEIC"}
     grey = heic(np.full((300, 400, 3), 128, np.uint8))
     ids = [client.post("/api/photos", content=grey, headers=iphones).json()["id"] for _ in range(2)]
     photos = [{"id": each} for each in (*ids, opened(client, photo))]
-    items = [*photos, {"id": film, "options": {"readout-ratio": "0.6"}}]
+    items = [*photos, {"id": video, "options": {"readout-ratio": "0.6"}}]
     body = {"to": "zip", "photos": items, "only_changed": only_changed}
     saving = client.post("/api/saves", json=body).json()
     told = list(events(client, saving["id"]))[-1]

@@ -11,7 +11,7 @@ import pytest
 
 from unshutter.errors import UnshutterError
 from unshutter.page import store as module
-from unshutter.page.store import Busy, Lanes, Urgency
+from unshutter.page.store import Busy, Urgency, WorkerPool
 
 NOW, LATER = Urgency.NOW, Urgency.LATER
 
@@ -21,8 +21,8 @@ def fast(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "warm", os.getpid)  # nothing to load
 
 
-def _with_lanes(test: Callable[[Lanes], Awaitable[Any]], **how: Any) -> Any:
-    made = Lanes(**({"count": 2, "timeout_s": 30, "most_waiting": 10, "rest_s": 60} | how))
+def _with_lanes(test: Callable[[WorkerPool], Awaitable[Any]], **how: Any) -> Any:
+    made = WorkerPool(**({"count": 2, "timeout_s": 30, "most_waiting": 10, "rest_s": 60} | how))
 
     async def run() -> Any:
         return await asyncio.wait_for(test(made), 30)
@@ -42,7 +42,7 @@ async def _ended(pid: int) -> None:
 
 
 def test_the_process_that_died_is_replaced_and_the_other_goes_on() -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         other = asyncio.create_task(lanes.do(NOW, time.sleep, 1.0))
         with pytest.raises(UnshutterError, match="its worker died"):
             await lanes.do(NOW, os.abort)
@@ -53,7 +53,7 @@ def test_the_process_that_died_is_replaced_and_the_other_goes_on() -> None:
 
 
 def test_a_job_that_takes_too_long_is_given_up() -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         with pytest.raises(UnshutterError, match=r"given up after 0\.3 s"):
             await lanes.do(NOW, time.sleep, 20)
         assert await lanes.do(NOW, abs, -3) == 3
@@ -62,7 +62,7 @@ def test_a_job_that_takes_too_long_is_given_up() -> None:
 
 
 def test_no_process_of_another_version_is_started(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         assert await lanes.do(NOW, abs, -3) == 3
         monkeypatch.setattr("unshutter.version.__file__", str(tmp_path / "gone.py"))
         assert await lanes.do(NOW, abs, -3) == 3  # by the process that is there
@@ -73,7 +73,7 @@ def test_no_process_of_another_version_is_started(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_a_job_raises_comes_back() -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         with pytest.raises(ZeroDivisionError):
             await lanes.do(NOW, divmod, 1, 0)
 
@@ -81,7 +81,7 @@ def test_what_a_job_raises_comes_back() -> None:
 
 
 def test_a_cancelled_job_is_ended(tmp_path: Path) -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         pid = await lanes.do(NOW, os.getpid)
         job = asyncio.create_task(lanes.do(NOW, time.sleep, 20))
         await asyncio.sleep(0.2)
@@ -95,7 +95,7 @@ def test_a_cancelled_job_is_ended(tmp_path: Path) -> None:
 
 
 def test_no_more_wait_than_may() -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         jobs = [asyncio.create_task(lanes.do(NOW, time.sleep, 0.5)) for _ in range(3)]
         await asyncio.sleep(0)
         with pytest.raises(Busy):
@@ -107,7 +107,7 @@ def test_no_more_wait_than_may() -> None:
 
 
 def test_who_looks_at_the_screen_comes_first() -> None:
-    async def test(lanes: Lanes) -> list[str]:
+    async def test(lanes: WorkerPool) -> list[str]:
         done: list[str] = []
 
         async def one(name: str, urgency: Urgency) -> None:
@@ -123,7 +123,7 @@ def test_who_looks_at_the_screen_comes_first() -> None:
 
 
 def test_a_lane_is_kept_free_for_them() -> None:
-    async def test(lanes: Lanes) -> float:
+    async def test(lanes: WorkerPool) -> float:
         await asyncio.gather(lanes.do(NOW, time.sleep, 0.1), lanes.do(NOW, time.sleep, 0.1))  # both are there
         later = [asyncio.create_task(lanes.do(LATER, time.sleep, 20)) for _ in range(2)]
         await asyncio.sleep(0.1)
@@ -139,7 +139,7 @@ def test_a_lane_is_kept_free_for_them() -> None:
 
 
 def test_a_lane_without_work_gives_its_memory_back() -> None:
-    async def test(lanes: Lanes) -> None:
+    async def test(lanes: WorkerPool) -> None:
         pid = await lanes.do(NOW, os.getpid)
         await _ended(pid)
         assert await lanes.do(NOW, os.getpid) != pid

@@ -172,5 +172,5 @@ def test_whole_numbers_of_another_type() -> None:
 
 @pytest.mark.parametrize("head", [b"\0\0\0\x18ftypmp42", b"\x1a\x45\xdf\xa3\x01\0\0", b"RIFF\0\0\0\0AVI LIST"])
 def test_a_clip_is_led_to_its_function(head: bytes) -> None:
-    with pytest.raises(UnshutterError, match=r"is a film, not a photo: .*unshutter\.rectify_clip"):
+    with pytest.raises(UnshutterError, match=r"is a video, not a photo: .*unshutter\.rectify_clip"):
         unshutter.rectify(head + bytes(1000))

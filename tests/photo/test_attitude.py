@@ -13,8 +13,8 @@ from support.fuzzing import damaged, thorough
 from support.maker_notes import apple, exif_with_note, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
 from unshutter.options import Camera
-from unshutter.orientation import Orientation, Readout
-from unshutter.photo import Photo, exposure
+from unshutter.orientation import Orientation, ScanDirection
+from unshutter.photo import Photo, exposure, readout_times
 from unshutter.photo.attitude import Attitude, attitude_of_xmp, of_photo
 from unshutter.photo.exif import add_to_tiff
 from unshutter.single.estimator import View
@@ -39,7 +39,7 @@ def test_apples_vector_tells_roll_and_tilt_in_every_orientation(roll: float, til
     held = View(photo).attitude()
     assert held.source == "accelerometer (Apple)"
     assert (held.roll_deg, held.tilt_deg) == (pytest.approx(roll, abs=0.01), pytest.approx(tilt, abs=0.01))
-    assert View(photo).readout is Readout.TOP_TO_BOTTOM
+    assert View(photo).scan_direction is ScanDirection.TOP_TO_BOTTOM
 
 
 def test_a_real_vector_of_a_phone_held_upright() -> None:
@@ -53,11 +53,11 @@ def test_a_real_vector_of_a_phone_held_upright() -> None:
 def test_pixels_that_software_has_set_upright_were_read_sideways(held_as: int, readout: str) -> None:
     photo = photo_with_note(apple(_vector(4, -20, held_as)), "Apple", 1, height=160, width=120)
     view = View(photo)
-    assert view.readout == readout
+    assert view.scan_direction == readout
     assert view.attitude_deg() == (pytest.approx(4, abs=0.01), pytest.approx(-20, abs=0.01))
     # the scene's top is where it is in the pixels as the sensor had them
     assert view.up == View(photo_with_note(apple(_vector(4, -20, held_as)), "Apple", held_as)).up
-    assert View(photo, Camera(readout="top-to-bottom")).readout is Readout.TOP_TO_BOTTOM
+    assert View(photo, Camera(readout="top-to-bottom")).scan_direction is ScanDirection.TOP_TO_BOTTOM
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_pixels_that_software_has_set_upright_were_read_sideways(held_as: int, r
 def test_what_is_in_doubt_is_not_told(vector: tuple, orientation: int, lens: str, size: tuple[int, int]) -> None:
     photo = photo_with_note(apple(vector), "Apple", orientation, lens, *size)
     assert photo.attitude is None
-    assert View(photo).readout is Readout.TOP_TO_BOTTOM and View(photo).attitude_deg() == (None, None)
+    assert View(photo).scan_direction is ScanDirection.TOP_TO_BOTTOM and View(photo).attitude_deg() == (None, None)
 
 
 def test_a_phone_that_looks_straight_down_tells_its_tilt_only() -> None:
@@ -118,7 +118,7 @@ def test_damaged_metadata_say_nothing_or_something(data: st.DataObject) -> None:
     time = exposure.time_s(blob)
     assert time is None or 0 < time <= 3600
     exposure.is_merged(blob)
-    assert exposure.readout_time(blob).longest_s <= 0.3
+    assert readout_times.readout_time(blob).longest_s <= 0.3
 
 
 # ---- XMP -------------------------------------------------------------------------------------------------

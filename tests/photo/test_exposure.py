@@ -11,7 +11,7 @@ from support.tagged_files import EXIF
 from unshutter.errors import UsageError
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.photo.exposure import (
+from unshutter.photo.readout_times import (
     DRONE,
     EITHER,
     ELECTRONIC,

@@ -14,21 +14,21 @@ from support.camera_files import AS_STORED, MIRRORED, ORIENTATIONS, dng, heic, l
 from support.covering import covering, thorough
 from support.drawn_photos import encoded, textured
 from support.tagged_files import exif_blob
-from unshutter import Motion, Readout, RowMotion
+from unshutter import Motion, RowMotion, ScanDirection
 from unshutter.cli import main
 from unshutter.motion.warp import distort_pixels
 from unshutter.photo import Photo
 
 # Which side of the picture is read first, and where the reading goes: (rows, columns).
 WAYS = {
-    Readout.TOP_TO_BOTTOM: (1, 0),
-    Readout.BOTTOM_TO_TOP: (-1, 0),
-    Readout.LEFT_TO_RIGHT: (0, 1),
-    Readout.RIGHT_TO_LEFT: (0, -1),
+    ScanDirection.TOP_TO_BOTTOM: (1, 0),
+    ScanDirection.BOTTOM_TO_TOP: (-1, 0),
+    ScanDirection.LEFT_TO_RIGHT: (0, 1),
+    ScanDirection.RIGHT_TO_LEFT: (0, -1),
 }
 
 
-def turned_readout(readout: Readout, orientation: int) -> Readout:
+def turned_readout(readout: ScanDirection, orientation: int) -> ScanDirection:
     """The readout direction of stored pixels, from that of the picture that a viewer shows: where its rows went."""
     row, col = np.mgrid[0:8, 0:8]
     down, right = WAYS[readout]
@@ -41,7 +41,9 @@ def mirrored(motion: Motion) -> Motion:
     return dataclasses.replace(motion, tx_px=-motion.tx_px, rz_rad=-motion.rz_rad)
 
 
-EACH_WAY = pytest.mark.parametrize(("taken", "orientation"), covering([*Readout], ORIENTATIONS), indirect=["taken"])
+EACH_WAY = pytest.mark.parametrize(
+    ("taken", "orientation"), covering([*ScanDirection], ORIENTATIONS), indirect=["taken"]
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +51,12 @@ def taken(request: pytest.FixtureRequest, facade_canvas: np.ndarray) -> tuple[np
     """A photo as a viewer shows it, 360 x 500 px, and its motion, for each direction in which it was read."""
     readout = request.param
     height, width = facade_canvas.shape[:2]
-    motion = RowMotion.from_polynomials([0, 40, -70], [0, 0.05], *readout.frame_size(height, width), readout=readout)
+    motion = RowMotion.from_polynomials(
+        [0, 40, -70], [0, 0.05], *readout.frame_size(height, width), scan_direction=readout
+    )
     distorted = distort_pixels(facade_canvas, motion)
     return distorted[120:480, 120:620].copy(), RowMotion.from_polynomials(
-        [0, 30, -50], [0, 0.05, -0.02], *readout.frame_size(360, 500), readout=readout
+        [0, 30, -50], [0, 0.05, -0.02], *readout.frame_size(360, 500), scan_direction=readout
     )
 
 
@@ -61,7 +65,7 @@ def write_turned(path: Path, upright: np.ndarray, orientation: int) -> Path:
     return path
 
 
-def rectified(path: Path, readout: Readout, *more: str) -> np.ndarray:
+def rectified(path: Path, readout: ScanDirection, *more: str) -> np.ndarray:
     """The stored pixels that the command makes of a file, whose orientation stays."""
     out = path.with_suffix(".out.png")
     assert main(["rectify", "--edges", "keep", str(path), "-o", str(out), "--readout", readout, *more]) == 0
@@ -83,7 +87,7 @@ def plain(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp("given")
     motion.save(folder / "motion.json")
     return rectified(
-        write_turned(folder / "plain.png", upright, 1), motion.readout, "--motion", f"{folder}/motion.json"
+        write_turned(folder / "plain.png", upright, 1), motion.scan_direction, "--motion", f"{folder}/motion.json"
     )
 
 
@@ -95,9 +99,9 @@ def test_a_given_motion_does_the_same_to_a_turned_photo(
     tmp_path: Path, taken: tuple[np.ndarray, Motion], plain: np.ndarray, orientation: int
 ) -> None:
     upright, motion = taken
-    turned = turned_readout(motion.readout, orientation)
+    turned = turned_readout(motion.scan_direction, orientation)
     same = mirrored(motion) if orientation in MIRRORED else motion
-    dataclasses.replace(same, readout=turned).save(tmp_path / "turned.json")
+    dataclasses.replace(same, scan_direction=turned).save(tmp_path / "turned.json")
     file = write_turned(tmp_path / "turned.png", upright, orientation)
     result = rectified(file, turned, "--motion", f"{tmp_path}/turned.json")
     assert all_but_few_differ_by(plain, upright) > 100  # much was done
@@ -110,7 +114,7 @@ def found(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
     upright, motion = taken
     folder = tmp_path_factory.mktemp("plain")
     file = write_turned(folder / "plain.png", upright, 1)
-    result = rectified(file, motion.readout, *METHOD, "--save-motion", f"{folder}/motion.json")
+    result = rectified(file, motion.scan_direction, *METHOD, "--save-motion", f"{folder}/motion.json")
     return Motion.load(folder / "motion.json"), result
 
 
@@ -125,7 +129,7 @@ def test_the_same_motion_is_found_in_a_turned_photo(
     plain_motion, plain = found
     assert np.ptp(plain_motion.tx_px) > 5  # much was found
     file = write_turned(tmp_path / "turned.png", upright, orientation)
-    turned = turned_readout(motion.readout, orientation)
+    turned = turned_readout(motion.scan_direction, orientation)
     result = rectified(file, turned, *METHOD, "--save-motion", f"{tmp_path}/motion.json")
     again = Motion.load(tmp_path / "motion.json")
     difference = all_but_few_differ_by(result, AS_STORED[orientation](plain))

@@ -6,12 +6,12 @@ import pytest
 
 from support.covering import covering
 from support.drawn_photos import drawn, encoded
-from support.motion_photos import FILM, GAIN_MAP, WITH_ALL, item, motion_photo, packet
+from support.motion_photos import GAIN_MAP, VIDEO, WITH_ALL, item, motion_photo, packet
 from support.tagged_files import exif_blob, jpeg_with
 from unshutter.photo import Photo, xmp
 from unshutter.photo.xmp import Packet, UnreadableError
 
-NEXT = xmp.NextPicture(30, 60, 6, is_new=True, film=None)
+NEXT = xmp.NextPicture(30, 60, 6, is_new=True, video=None)
 RDF = (
     b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">%s'
     b"</rdf:RDF></x:xmpmeta>"
@@ -35,14 +35,14 @@ LONG = [
 
 
 @pytest.mark.parametrize(
-    ("text", "film"),
-    covering(LONG, [xmp.FilmPlace(0, len(FILM), len(FILM)), None]),
+    ("text", "video"),
+    covering(LONG, [xmp.VideoPlace(0, len(VIDEO), len(VIDEO)), None]),
     ids=lambda value: type(value).__name__,
 )
-def test_no_packet_takes_long(text: bytes, film: xmp.FilmPlace | None) -> None:
+def test_no_packet_takes_long(text: bytes, video: xmp.VideoPlace | None) -> None:
     start = time.process_time()
-    xmp.updated(text, NEXT._replace(film=film))
-    xmp.lost(text, film is not None)
+    xmp.updated(text, NEXT._replace(video=video))
+    xmp.lost(text, video is not None)
     assert time.process_time() - start < 5
 
 
@@ -83,44 +83,44 @@ def test_thumbnails_go_whatever_their_prefix(prefix: str) -> None:
     assert xmp.updated(RDF % inner, NEXT._replace(is_new=False)) == RDF % inner
 
 
-# ---- films and gain maps beside the picture ------------------------------------------------------------------
+# ---- videos and gain maps beside the picture ------------------------------------------------------------------
 
 
-def test_a_motion_photo_keeps_its_film_and_loses_its_gain_map() -> None:
+def test_a_motion_photo_keeps_its_video_and_loses_its_gain_map() -> None:
     photo = Photo.from_bytes(motion_photo(drawn()))
     file = photo.with_pixels(~photo.pixels).encode()
     assert file.left_out == ("gain map",)
-    assert file.data.endswith(b"\xff\xd9" + FILM) and GAIN_MAP not in file.data
+    assert file.data.endswith(b"\xff\xd9" + VIDEO) and GAIN_MAP not in file.data
     for gone in (b'"GainMap"', b'hdrgm:Version="', b"hdrgm:GainMapMax"):
         assert gone not in file.data
-    for kept in (b'Cam:MotionPhoto="1"', b'"Primary"', b'Item:Length="%d"' % len(FILM), b'xmp:Rating="4"'):
+    for kept in (b'Cam:MotionPhoto="1"', b'"Primary"', b'Item:Length="%d"' % len(VIDEO), b'xmp:Rating="4"'):
         assert kept in file.data
-    assert b'Item:Padding="7"' not in file.data  # the film begins where the picture ends
+    assert b'Item:Padding="7"' not in file.data  # the video begins where the picture ends
     again = Photo.from_bytes(file.data)
-    assert again.to_bytes().endswith(b"\xff\xd9" + FILM)
+    assert again.to_bytes().endswith(b"\xff\xd9" + VIDEO)
 
 
 @pytest.mark.parametrize("target", ["png", "webp", "tiff", "avif"])
-def test_where_there_is_no_place_for_the_film_the_xmp_tells_of_none(target) -> None:
+def test_where_there_is_no_place_for_the_video_the_xmp_tells_of_none(target) -> None:
     photo = Photo.from_bytes(motion_photo(drawn()))
     file = photo.with_pixels(~photo.pixels).encode(target)
     assert set(file.left_out) == {"film", "gain map"}
-    assert b"MotionPhoto" not in file.data and b"Container:Item" not in file.data and FILM not in file.data
+    assert b"MotionPhoto" not in file.data and b"Container:Item" not in file.data and VIDEO not in file.data
     assert Photo.from_bytes(file.data).encode(target).left_out == ()
 
 
-def test_a_film_that_is_not_where_the_xmp_says_is_left_out() -> None:
+def test_a_video_that_is_not_where_the_xmp_says_is_left_out() -> None:
     file = Photo.from_bytes(motion_photo(drawn(), after=b"")).encode()
     assert set(file.left_out) == {"film", "gain map"} and b"MotionPhoto" not in file.data
 
 
 def test_the_older_form_of_motion_photos_is_known() -> None:
-    older = packet("", f'Cam:MicroVideo="1" Cam:MicroVideoOffset="{len(FILM)}"')
-    file = Photo.from_bytes(motion_photo(drawn(), older, FILM)).encode()
-    assert file.left_out == () and file.data.endswith(FILM) and b'MicroVideoOffset="' in file.data
-    assert xmp.film_bytes(older) == len(FILM)
-    assert xmp.film_bytes(packet(item("Primary", 0))) is None
-    assert xmp.film_bytes(WITH_ALL) == len(FILM)
+    older = packet("", f'Cam:MicroVideo="1" Cam:MicroVideoOffset="{len(VIDEO)}"')
+    file = Photo.from_bytes(motion_photo(drawn(), older, VIDEO)).encode()
+    assert file.left_out == () and file.data.endswith(VIDEO) and b'MicroVideoOffset="' in file.data
+    assert xmp.video_bytes(older) == len(VIDEO)
+    assert xmp.video_bytes(packet(item("Primary", 0))) is None
+    assert xmp.video_bytes(WITH_ALL) == len(VIDEO)
 
 
 @pytest.mark.parametrize(("in_exif", "expected"), [(None, 3), (1, 1), (6, 6)])

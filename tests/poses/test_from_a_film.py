@@ -1,4 +1,4 @@
-"""From a film to poses: with the motion that unshutter finds in the frames, and the true pose of their middle rows."""
+"""From a video to poses: with the motion that unshutter finds in the frames, and the true pose of their middle rows."""
 
 from pathlib import Path
 
@@ -12,11 +12,11 @@ from unshutter.cli import main
 FRAMES = range(3, 21, 3)
 
 
-def test_the_motion_found_in_a_film_gives_the_poses_of_its_rows(tmp_path: Path) -> None:
+def test_the_motion_found_in_a_video_gives_the_poses_of_its_rows(tmp_path: Path) -> None:
     camera, frames = clips.moving(24)
-    film = clips.write(tmp_path / "film.mp4", frames, "libx264", options={"crf": "12"})
-    motions = tmp_path / "film.json"
-    words = ["video", str(film), *clips.KNOWN, "-o", str(tmp_path / "straight.mp4"), "--save-motion", str(motions)]
+    video = clips.write(tmp_path / "video.mp4", frames, "libx264", options={"crf": "12"})
+    motions = tmp_path / "video.json"
+    words = ["video", str(video), *clips.KNOWN, "-o", str(tmp_path / "straight.mp4"), "--save-motion", str(motions)]
     assert main(words) == 0
     model = write_model(camera, FRAMES, tmp_path / "sparse")
     poses = unshutter.camera_poses(model, motions, rows=clips.HEIGHT)

@@ -11,7 +11,7 @@ import pytest
 
 import unshutter
 from support.walking_camera import CENTRE, FOCAL, FPS, HEIGHT, RATIO, WIDTH, WalkingCamera
-from unshutter import Readout, UnshutterError
+from unshutter import ScanDirection, UnshutterError
 from unshutter.cli import main
 from unshutter.poses.colmap import MODELS, read_model
 
@@ -167,7 +167,7 @@ def test_an_input_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_sideways_pictures_name_their_columns_and_direction(tmp_path: Path) -> None:
-    camera = WalkingCamera(readout=Readout.RIGHT_TO_LEFT)
+    camera = WalkingCamera(readout=ScanDirection.RIGHT_TO_LEFT)
     model, motions = camera.write_model(tmp_path / "sparse"), camera.write_motions(tmp_path / "motions")
     assert poses_command(tmp_path, model, motions, "--rows", "2") == 0
     rows = table_of(tmp_path / "out" / "poses.csv")

@@ -8,7 +8,7 @@ import pytest
 
 import unshutter
 from support.walking_camera import CENTRE, FOCAL, FPS, HEIGHT, RATIO, WIDTH, WalkingCamera, points
-from unshutter import CameraPoses, Readout, UnshutterError, UsageError
+from unshutter import CameraPoses, ScanDirection, UnshutterError, UsageError
 from unshutter.reasons import Reason
 
 
@@ -36,8 +36,8 @@ def errors_px(poses: CameraPoses, camera: WalkingCamera, by_row: bool = True) ->
     return np.array(found)
 
 
-@pytest.mark.parametrize("readout", Readout)
-def test_points_are_where_a_rolling_shutter_shows_them(readout: Readout, tmp_path: Path) -> None:
+@pytest.mark.parametrize("readout", ScanDirection)
+def test_points_are_where_a_rolling_shutter_shows_them(readout: ScanDirection, tmp_path: Path) -> None:
     camera = WalkingCamera(readout=readout)
     model = camera.write_model(tmp_path / "sparse")
     lines = WIDTH if readout.sideways else HEIGHT
@@ -46,8 +46,8 @@ def test_points_are_where_a_rolling_shutter_shows_them(readout: Readout, tmp_pat
     alone = errors_px(poses, camera, by_row=False)
     assert np.median(alone) > 2.5 and np.max(alone) > 8
     first = poses.pictures[1]
-    assert first.readout is readout and first.moved
-    assert first.lines[0] == (0 if readout in (Readout.TOP_TO_BOTTOM, Readout.LEFT_TO_RIGHT) else lines - 1)
+    assert first.scan_direction is readout and first.moved
+    assert first.lines[0] == (0 if readout in (ScanDirection.TOP_TO_BOTTOM, ScanDirection.LEFT_TO_RIGHT) else lines - 1)
     assert first.times_s[[0, -1]] == pytest.approx([0.1, 0.1 + RATIO / FPS * (lines - 1) / lines])
 
 
@@ -60,7 +60,7 @@ def test_a_clips_motion_file_gives_the_same(tmp_path: Path) -> None:
 
 
 def test_what_only_looks_like_a_turn_is_taken_off(tmp_path: Path) -> None:
-    """The tracks of a film take a step sideways for a turn, which would count twice beside the positions."""
+    """The tracks of a video take a step sideways for a turn, which would count twice beside the positions."""
     camera = WalkingCamera(apparent=(0.05, 0.25, 0.0))
     model = camera.write_model(tmp_path / "sparse")
     poses = unshutter.camera_poses(model, camera.write_clip_motion(tmp_path / "clip.json", 13), rows=HEIGHT)
@@ -80,7 +80,7 @@ def test_another_row_may_be_the_models(tmp_path: Path) -> None:
 
 
 def test_a_wrong_focal_length_of_a_motion_does_not_change_how_far_it_moves_a_picture(tmp_path: Path) -> None:
-    """The motion of a film is found with a usual focal length if the film does not show it."""
+    """The motion of a video is found with a usual focal length if the video does not show it."""
     camera = WalkingCamera(speed=0.0)
     model = camera.write_model(tmp_path / "sparse")
     motions = camera.write_motions(tmp_path / "motions")

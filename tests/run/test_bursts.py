@@ -88,10 +88,10 @@ def test_uneven_intervals_count(moving, tmp_path):
     assert max(off) < 0.6
 
 
-def test_a_film_tells_more_than_a_burst(moving, tmp_path, monkeypatch):
+def test_a_video_tells_more_than_a_burst(moving, tmp_path, monkeypatch):
     photo = write(tmp_path / "in", moving[1][:1]) / "0.png"
     assert bursts._Taken.of(photo, 10**9, photo.parent) is not None
-    monkeypatch.setattr(Photo, "film", lambda _: object())
+    monkeypatch.setattr(Photo, "embedded_video", lambda _: object())
     assert bursts._Taken.of(photo, 10**9, photo.parent) is None
 
 

@@ -11,7 +11,7 @@ from PIL import Image
 from support.batches import make_photos, rectify, results
 from support.sure_estimator import Sure
 from support.tagged_files import exif_blob
-from unshutter.motion.finding import Chance, Finding
+from unshutter.motion.finding import Finding, MotionOdds
 from unshutter.reasons import Code, Reason
 from unshutter.run.folder import MOST, Judged, shares_moved
 from unshutter.single.estimator import View
@@ -24,10 +24,10 @@ class ByFolder(Sure):
 
     def estimate(self, view: View) -> Finding:
         assert view.photo.path is not None
-        chance = Chance(*{"c": CLEAR, "f": FAINT, "s": STILL}[view.photo.path.name[0]])
-        if view.odds.folder > chance.turning_point:
-            return replace(super().estimate(view), chance=chance)
-        return replace(view.no_motion(self.name, Reason(Code.NO_VISIBLE_MOTION)), chance=chance)
+        chance = MotionOdds(*{"c": CLEAR, "f": FAINT, "s": STILL}[view.photo.path.name[0]])
+        if view.decision.folder > chance.decision_threshold:
+            return replace(super().estimate(view), motion_odds=chance)
+        return replace(view.no_motion(self.name, Reason(Code.NO_VISIBLE_MOTION)), motion_odds=chance)
 
 
 @pytest.fixture

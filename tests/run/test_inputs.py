@@ -20,7 +20,7 @@ def archive(tmp_path: Path) -> Path:
     """Two photos, and much else."""
     folder = tmp_path / "archive"
     make_photos(folder, ["a.jpg", "trip/b.png"])
-    for name in ("stereo.mpo", "notes.txt", "film.MOV", "trip/film.mov", "README", ".hidden.jpg", "a.rectified.jpg"):
+    for name in ("stereo.mpo", "notes.txt", "video.MOV", "trip/film.mov", "README", ".hidden.jpg", "a.rectified.jpg"):
         (folder / name).write_bytes(b"")
     (folder / ".thumbnails").mkdir()
     return folder
@@ -37,7 +37,7 @@ def test_what_is_passed_over_is_counted_by_reason(archive: Path) -> None:
         "films": 2,
     }
     assert inputs.not_taken() == (
-        "skipped: 2 films, see unshutter video (.mov); 2 hidden (no extension, .jpg); "
+        "skipped: 2 videos, see unshutter video (.mov); 2 hidden (no extension, .jpg); "
         "2 are not photos (no extension, .txt); 1 made by unshutter (.jpg); 1 with several pictures in one file (.mpo)"
     )
     assert find_photos([archive / "a.jpg"]).not_taken() == ""
@@ -64,7 +64,7 @@ def test_a_batch_ends_with_what_it_did_not_take(archive: Path, motion: Path, tmp
     assert "1 with several pictures in one file (.mpo)" in capsys.readouterr().err
     (archive / "a.jpg").unlink()
     (archive / "trip" / "b.png").unlink()
-    with pytest.raises(UnshutterError, match=r"no photos in folder .*; skipped: 2 films"):
+    with pytest.raises(UnshutterError, match=r"no photos in folder .*; skipped: 2 videos"):
         find_photos([archive])
 
 

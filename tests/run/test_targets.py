@@ -10,7 +10,7 @@ import pytest
 from support.batches import make_photos, rectify, results
 from unshutter import RowMotion, UsageError
 from unshutter.cli import main
-from unshutter.run.inputs import film_name, find_photos
+from unshutter.run.inputs import find_photos, video_name
 from unshutter.run.plan import Goal, motion_targets
 
 
@@ -65,7 +65,7 @@ def test_a_name_without_room_for_an_ending_is_cut(stem: str, motion: Path, tmp_p
     assert main(["estimate", str(photo), "--estimator", "none", "-o", f"{tmp_path}/motions"]) == 0
     (result,) = set(tmp_path.glob("*.jpg")) - {photo}
     (found,) = (tmp_path / "motions").glob("*.json")
-    assert result.name == film_name(photo) and result.name.endswith(".rectified.jpg")
+    assert result.name == video_name(photo) and result.name.endswith(".rectified.jpg")
     assert all(250 < len(os.fsencode(each.name)) <= 255 for each in (result, found))
 
 

@@ -8,7 +8,7 @@ import pytest
 from support.posteriors import posterior_of
 from unshutter import RowMotion, View
 from unshutter.motion.verdict import judge
-from unshutter.options import Camera, Moving, Odds, Undo
+from unshutter.options import Camera, DecisionOptions, Moving, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
 from unshutter.single.candidates import _reason_to_leave, candidates_of, modes_of
@@ -25,7 +25,7 @@ def view(facade: np.ndarray) -> View:
 
 def anyway(view: View) -> View:
     """Of somebody who wants the likeliest motion, however unsure."""
-    return View(view.photo, odds=Odds(least_confidence=0))
+    return View(view.photo, decision=DecisionOptions(least_confidence=0))
 
 
 def two_modes(evidence: float, share: float = 0.7) -> Posterior:
@@ -86,7 +86,9 @@ def test_a_least_confidence_decides_instead_of_the_benefit(view: View) -> None:
     found = candidates_of(two_modes(80), anyway(view), "me", PAN)[0]
     assert found.probability is not None
     for least, kind in ((found.probability + 1e-6, "still"), (found.probability - 1e-6, found.kind)):
-        first = candidates_of(two_modes(80), View(view.photo, odds=Odds(least_confidence=least)), "me", PAN)[0]
+        first = candidates_of(
+            two_modes(80), View(view.photo, decision=DecisionOptions(least_confidence=least)), "me", PAN
+        )[0]
         assert first.kind == kind
 
 
@@ -128,28 +130,30 @@ def test_the_expected_error_is_in_pixels_of_the_photo(view: View) -> None:
 @pytest.mark.parametrize("evidence", [2, 20])
 def test_the_turning_point_is_where_the_folder_decides(evidence: float, view: View) -> None:
     def decided(log_odds: float):
-        given = View(view.photo, odds=Odds(folder=log_odds))
+        given = View(view.photo, decision=DecisionOptions(folder=log_odds))
         return candidates_of(two_modes(evidence), given, "me", PAN)[0].finding
 
-    chance = decided(0).chance
+    chance = decided(0).motion_odds
     assert chance is not None
-    assert not decided(chance.turning_point + 0.01).motion.is_zero
-    assert decided(chance.turning_point - 0.01).motion.is_zero
-    again = decided(-3).chance
+    assert not decided(chance.decision_threshold + 0.01).motion.is_zero
+    assert decided(chance.decision_threshold - 0.01).motion.is_zero
+    again = decided(-3).motion_odds
     assert again is not None  # the photo itself says the same, whatever its folder
-    assert (again.log_odds, again.turning_point) == pytest.approx((chance.log_odds, chance.turning_point))
+    assert (again.log_odds, again.decision_threshold) == pytest.approx((chance.log_odds, chance.decision_threshold))
 
 
 def test_a_photo_that_was_moved_by_all_accounts_takes_no_part_in_its_folder(view: View) -> None:
-    assert candidates_of(two_modes(20), View(view.photo, Camera(moving="yes")), "me", PAN)[0].finding.chance is None
-    assert candidates_of(replace(two_modes(20), lines_gain=-0.5), view, "me", PAN)[0].finding.chance is None
+    assert (
+        candidates_of(two_modes(20), View(view.photo, Camera(moving="yes")), "me", PAN)[0].finding.motion_odds is None
+    )
+    assert candidates_of(replace(two_modes(20), lines_gain=-0.5), view, "me", PAN)[0].finding.motion_odds is None
 
 
 # ---- what the user says of the camera ------------------------------------------------------------------------
 
 
 def moving(view: View, way: Moving = "yes", least: float | None = None) -> View:
-    return View(view.photo, Camera(moving=way), odds=Odds(least))
+    return View(view.photo, Camera(moving=way), decision=DecisionOptions(least))
 
 
 def test_a_camera_that_moved_may_be_faster_than_hands(view: View) -> None:

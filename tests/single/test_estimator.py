@@ -30,7 +30,7 @@ def test_the_line_that_was_read_first_is_the_top_row(photo: Photo) -> None:
     view = View(photo, Camera("right-to-left"))
     assert (view.height, view.width, view.up) == (200, 100, (-1, 0))
     assert view.grey().shape == (200, 100)
-    assert view.no_motion("me", "for no reason").motion.readout == "right-to-left"
+    assert view.no_motion("me", "for no reason").motion.scan_direction == "right-to-left"
 
 
 def test_a_cubic_motion_starts_at_rest(photo: Photo) -> None:

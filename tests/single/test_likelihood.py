@@ -3,15 +3,15 @@ import pytest
 
 from support.gradients import check_jacobian
 from unshutter.single.likelihood import ManhattanLikelihood
-from unshutter.single.prior import UNKNOWNS, Beliefs, KnownCamera, SecondOpinion
+from unshutter.single.prior import UNKNOWNS, KnownCamera, NetworkObservation, PriorParams
 
 
 @pytest.mark.parametrize("known", [KnownCamera(), KnownCamera(up=(1, 0), roll=0.1)])
 def test_the_gradient_is_that_of_the_energy(known: KnownCamera) -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 6))
-    opinion = SecondOpinion(rng.normal(0, 0.1, 6), root @ root.T)
-    wide = Beliefs(sigma_exact=0.3, sigma_sloppy=0.5, independent_share=1.0)
+    opinion = NetworkObservation(rng.normal(0, 0.1, 6), root @ root.T)
+    wide = PriorParams(sigma_exact=0.3, sigma_sloppy=0.5, independent_share=1.0)
     likelihood = ManhattanLikelihood(rng.uniform(-0.5, 0.5, (30, 4)), 512, 1.2, wide, known, opinion)
     at = rng.normal(0.1, 0.1, (3, UNKNOWNS))
     energy, gradient, hessian = likelihood.expanded(at)

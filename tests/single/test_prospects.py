@@ -9,7 +9,7 @@ import pytest
 from support.posteriors import posterior_of
 from unshutter.single.candidates import modes_of
 from unshutter.single.prior import Forest
-from unshutter.single.prospects import HARM, LOST, MOVING, Prospect, features, prospect
+from unshutter.single.prospects import HARM, LOST, MOVING, ExpectedBenefit, expected_benefit, features
 from unshutter.single.search import Posterior, displacement
 
 SHEAR_AND_BEND = np.array([0.08, -0.1, 0, 0, 0, 0])
@@ -19,9 +19,9 @@ def posterior(evidence: float, sigma: float = 0.004) -> Posterior:
     return posterior_of(SHEAR_AND_BEND, evidence, sigma)
 
 
-def found(evidence: float, opinion: np.ndarray | None = SHEAR_AND_BEND, **known: Any) -> Prospect:
+def found(evidence: float, opinion: np.ndarray | None = SHEAR_AND_BEND, **known: Any) -> ExpectedBenefit:
     """What undoing the mean would do."""
-    return prospect(posterior(evidence), modes_of(posterior(evidence))[0], opinion, **known)
+    return expected_benefit(posterior(evidence), modes_of(posterior(evidence))[0], opinion, **known)
 
 
 def test_strong_evidence_is_followed_and_weak_evidence_is_not() -> None:
@@ -57,7 +57,7 @@ def test_shear_and_turn_are_how_far_the_last_row_is_moved_and_turned() -> None:
 
 @pytest.mark.parametrize(("better", "error"), [(0.9, 0.01), (0.5, 0.0), (0.9, 0.08)])
 def test_a_benefit_is_gain_less_weighed_loss(better: float, error: float) -> None:
-    one = Prospect(better, error, 0.1)
+    one = ExpectedBenefit(better, error, 0.1)
     assert one.benefit == pytest.approx(better * (0.1 - error) - HARM * (1 - better) * LOST * 0.1)
     assert one.weighed(0) > one.benefit
     assert replace(one, error=0.2).benefit < 0  # an error beyond the motion is no gain, however probable

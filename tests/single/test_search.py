@@ -9,13 +9,13 @@ import pytest
 from unshutter import RowMotion
 from unshutter.motion import geometry
 from unshutter.single.likelihood import ManhattanLikelihood
-from unshutter.single.prior import CAMERA, NORMAL, UNKNOWNS, Beliefs, KnownCamera, MotionKind, SecondOpinion
+from unshutter.single.prior import CAMERA, NORMAL, UNKNOWNS, KnownCamera, MotionKind, NetworkObservation, PriorParams
 from unshutter.single.search import descend, explore
 from unshutter_lab.evaluation.metrics import motion_error
 
 ROWS = 512
 QUADRATIC = [MotionKind("quadratic", np.diag([0.06, 0.08, 0.01, 0.07, 0.06, 0.01]) ** 2, NORMAL, 1.0)]
-DRAWN = Beliefs(independent_share=1.0)  # no drawn segment repeats another's error
+DRAWN = PriorParams(independent_share=1.0)  # no drawn segment repeats another's error
 quadratic_likelihood = partial(ManhattanLikelihood, kinds=QUADRATIC)
 STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.1), (0, -0.1), (3, 0.07), (3, -0.07))]
 MOTION = np.array([0.09, -0.14, 0.0, 0.06, 0.03, 0.0])
@@ -60,7 +60,7 @@ def error_px(found: np.ndarray, truth: np.ndarray) -> float:
 def test_the_motion_of_a_street_is_found_though_the_camera_is_askew(seed: int) -> None:
     """A roll of 0.6 degrees, taken for shear, would cost 1.3 px."""
     seen = rolled(street(roll=0.01, tilt=0.1, seed=seed), MOTION)
-    posterior = explore(quadratic_likelihood(seen, ROWS, beliefs=DRAWN), STARTS)
+    posterior = explore(quadratic_likelihood(seen, ROWS, params=DRAWN), STARTS)
     assert error_px(np.zeros(6), MOTION) > 5
     assert error_px(posterior.motion, MOTION) < 1.2
     assert posterior.evidence > 20
@@ -69,7 +69,7 @@ def test_the_motion_of_a_street_is_found_though_the_camera_is_askew(seed: int) -
 
 def test_a_scene_on_its_side_needs_to_know_where_up_is() -> None:
     seen = rolled(street(tilt=0.2, seed=3, turned=1), MOTION)
-    found = explore(quadratic_likelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(up=(1, 0))), STARTS)
+    found = explore(quadratic_likelihood(seen, ROWS, params=DRAWN, known=KnownCamera(up=(1, 0))), STARTS)
     assert error_px(found.motion, MOTION) < 1.5
 
 
@@ -83,10 +83,10 @@ def test_a_known_roll_and_tilt_tell_the_shear() -> None:
     about = street(roll=0.05, tilt=0.1, yaw=0.0, clutter=0, seed=8)
     upright = about[np.abs(about[:, 3] - about[:, 1]) > 3 * np.abs(about[:, 2] - about[:, 0])]
     seen = rolled(upright, MOTION)
-    guessed = explore(quadratic_likelihood(seen, ROWS, beliefs=DRAWN), STARTS)
-    known = explore(quadratic_likelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=0.05, tilt=0.1)), STARTS)
+    guessed = explore(quadratic_likelihood(seen, ROWS, params=DRAWN), STARTS)
+    known = explore(quadratic_likelihood(seen, ROWS, params=DRAWN, known=KnownCamera(roll=0.05, tilt=0.1)), STARTS)
     assert error_px(known.motion, MOTION) < 0.6 * error_px(guessed.motion, MOTION)
-    wrong = explore(quadratic_likelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=-0.05, tilt=0.1)), STARTS)
+    wrong = explore(quadratic_likelihood(seen, ROWS, params=DRAWN, known=KnownCamera(roll=-0.05, tilt=0.1)), STARTS)
     assert error_px(wrong.motion, MOTION) > 2 * error_px(known.motion, MOTION)
 
 
@@ -94,7 +94,7 @@ def test_seen_from_above_a_known_tilt_leaves_right_angles_on_the_ground() -> Non
     """A drone that looks straight down: no verticals are seen, the streets' right angle tells the shear."""
     seen = rolled(street(tilt=-math.pi / 2, yaw=0.4, clutter=0, seed=9), MOTION)
     found = explore(
-        quadratic_likelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=0.0, tilt=-math.pi / 2)), STARTS
+        quadratic_likelihood(seen, ROWS, params=DRAWN, known=KnownCamera(roll=0.0, tilt=-math.pi / 2)), STARTS
     )
     assert error_px(found.motion, MOTION) < 1.0
 
@@ -102,8 +102,8 @@ def test_seen_from_above_a_known_tilt_leaves_right_angles_on_the_ground() -> Non
 def test_right_angles_overrule_an_opinion_with_a_wrong_shear() -> None:
     seen = rolled(street(roll=0.01, tilt=0.1, seed=5), MOTION)
     wrong = MOTION + np.array([0.04, 0, 0, 0, 0, 0])
-    opinion = SecondOpinion(wrong, np.diag(1 / np.array([0.03, 0.03, 0.005, 0.03, 0.03, 0.005]) ** 2))
-    found = explore(quadratic_likelihood(seen, ROWS, beliefs=DRAWN, opinion=opinion), [wrong])
+    opinion = NetworkObservation(wrong, np.diag(1 / np.array([0.03, 0.03, 0.005, 0.03, 0.03, 0.005]) ** 2))
+    found = explore(quadratic_likelihood(seen, ROWS, params=DRAWN, observation=opinion), [wrong])
     assert error_px(wrong, MOTION) > 4
     assert error_px(found.motion, MOTION) < 1.0
 
@@ -120,8 +120,8 @@ def test_without_right_angles_nothing_is_sure() -> None:
 def test_the_posterior_is_what_it_was() -> None:
     """Figures written down once: a change of the code that is to change no answer changes none."""
     seen = rolled(street(roll=0.01, tilt=0.1, seed=7), MOTION)
-    opinion = SecondOpinion(0.8 * MOTION, np.diag(np.full(6, 1e3)))
-    found = explore(quadratic_likelihood(seen, ROWS, 1.3, opinion=opinion), STARTS)
+    opinion = NetworkObservation(0.8 * MOTION, np.diag(np.full(6, 1e3)))
+    found = explore(quadratic_likelihood(seen, ROWS, 1.3, observation=opinion), STARTS)
     mean = (0.0741888777, -0.1214981652, -0.0041493966, 0.0715706972, 0.0297505193, -0.0005794571)
     sigma = (0.0110069974, 0.0114347408, 0.0076753139, 0.0111291198, 0.0128066265, 0.0076766859)
     np.testing.assert_allclose(found.motion, mean, rtol=1e-6)
@@ -141,7 +141,7 @@ def kinds(*widths: tuple[str, float, float]) -> list[MotionKind]:
 def test_the_kind_of_motion_is_found_with_it(motion: np.ndarray, kind: str) -> None:
     seen = rolled(street(roll=0.01, tilt=0.1, seed=1), motion)
     both = kinds(("any", 0.06, 0.06), ("pan", 0.06, 0.002))
-    found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, kinds=both), STARTS)
+    found = explore(ManhattanLikelihood(seen, ROWS, params=DRAWN, kinds=both), STARTS)
     assert max(found.kinds, key=found.kinds.__getitem__) == kind
     assert sum(found.kinds.values()) == pytest.approx(1)
     assert found.kinds[kind] > 0.8

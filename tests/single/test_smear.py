@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from unshutter.motion import RowMotion
-from unshutter.options import Camera, Odds
+from unshutter.options import Camera, DecisionOptions
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
@@ -121,5 +121,5 @@ def test_a_smeared_photo_is_left_alone_until_its_direction_is_likely_or_stated()
     for way, sign in (("left", 1), ("right", -1)):
         stated = method.candidates(View(photo, replace(camera, moving=way)))[0]
         assert stated.probability > 0.95 and np.sign(stated.motion.tx_px[-1]) == sign
-    bold = method.candidates(View(photo, camera, odds=Odds(0.3)))[0]
+    bold = method.candidates(View(photo, camera, decision=DecisionOptions(0.3)))[0]
     assert bold.motion.tx_px == pytest.approx(first.motion.tx_px)

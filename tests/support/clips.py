@@ -70,19 +70,19 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
     track), handler, packets (its bytes).
     """
     with av.open(str(path), "w", container_options=more.get("container", {})) as out:
-        film = out.add_stream(codec, rate=FPS, options=more.get("options", {}))
-        film.width, film.height, film.pix_fmt = greys[0].shape[1], greys[0].shape[0], pixel_format
+        video = out.add_stream(codec, rate=FPS, options=more.get("options", {}))
+        video.width, video.height, video.pix_fmt = greys[0].shape[1], greys[0].shape[0], pixel_format
         base = Fraction(1, 30000) if times is not None else Fraction(1, FPS)
-        film.codec_context.time_base = base
-        film.metadata.update(more.get("stream_tags", {}))
+        video.codec_context.time_base = base
+        video.metadata.update(more.get("stream_tags", {}))
         out.metadata.update(more.get("tags", {}))
         if "tag" in more:
-            film.codec_context.codec_tag = more["tag"]
+            video.codec_context.codec_tag = more["tag"]
         if "turn" in more:
-            film.set_display_rotation(more["turn"])
+            video.set_display_rotation(more["turn"])
         if "aspect" in more:
-            film.codec_context.sample_aspect_ratio = more["aspect"]
-        _colour(film.codec_context, more)
+            video.codec_context.sample_aspect_ratio = more["aspect"]
+        _colour(video.codec_context, more)
         if "chapters" in more:
             out.set_chapters(more["chapters"])
         heard = out.add_stream(sound if isinstance(sound, str) else "aac", rate=48000) if sound else None
@@ -97,10 +97,10 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
             frame = as_frame(grey, pixel_format)
             frame.pts, frame.time_base = (k if times is None else round(times[k] * 30000)), base
             _colour(frame, more)
-            out.mux(film.encode(frame))
+            out.mux(video.encode(frame))
             if heard is not None:
                 _ring(out, heard, k)
-        out.mux(film.encode(None))
+        out.mux(video.encode(None))
         if heard is not None:
             out.mux(heard.encode(None))
     return path
@@ -210,13 +210,13 @@ def times(path):
 
 
 def packets(path):
-    """(index, pts [s], bytes) of all that is no film."""
+    """(index, pts [s], bytes) of all that is no video."""
     with av.open(str(path)) as clip:
-        film = clip.streams.video[0].index
+        video = clip.streams.video[0].index
         return [
             (p.stream_index, None if p.pts is None else float(p.pts * p.time_base), bytes(p))
             for p in clip.demux()
-            if p.stream_index != film and p.size
+            if p.stream_index != video and p.size
         ]
 
 

@@ -18,7 +18,7 @@ from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
 from support.drawn_photos import drawn, encoded, textured
-from support.motion_photos import FILM, motion_photo
+from support.motion_photos import VIDEO, motion_photo
 from support.rich_files import (
     COLUMNS,
     DATE,
@@ -233,10 +233,10 @@ def comment(column: str) -> str:
     return "kept" if kept == b"by me" else "lost"
 
 
-def film(column: str) -> str:
+def video(column: str) -> str:
     if column != "JPEG":
         return NONE
-    return "kept" if rectified(column, motion_photo(drawn(HEIGHT, WIDTH))).endswith(FILM) else "lost"
+    return "kept" if rectified(column, motion_photo(drawn(HEIGHT, WIDTH))).endswith(VIDEO) else "lost"
 
 
 def quality(column: str) -> str:
@@ -302,7 +302,7 @@ ROWS: dict[str, Callable[[str], str]] = {
     "texts (PNG)": texts,
     "resolution": resolution,
     "comment": comment,
-    "film of a motion photo": film,
+    "video of a motion photo": video,
     "quality or compression": quality,
     "chroma subsampling": subsampling,
 }

@@ -37,7 +37,7 @@ def full(content):
 
 
 def with_samples(path, kind, *samples, ms=1000):
-    """A file with one track of a kind, of samples that last some time each, and a film track without frames."""
+    """A file with one track of a kind, of samples that last some time each, and a video track without frames."""
     data = b"".join(samples)
     table = [
         box(b"stsd", full(struct.pack(">I", 1) + box(kind, bytes(8)))),

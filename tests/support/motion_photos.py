@@ -1,4 +1,4 @@
-"""Photos with films and gain maps beside the picture, as phones write them."""
+"""Photos with videos and gain maps beside the picture, as phones write them."""
 
 import struct
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from support.tagged_files import jpeg_with
 
-FILM = b"\0\0\0\x18ftypmp42" + bytes(12) + bytes(range(256)) * 8
+VIDEO = b"\0\0\0\x18ftypmp42" + bytes(12) + bytes(range(256)) * 8
 GAIN_MAP = b"\xff\xd8gain map\xff\xd9"
 
 
@@ -28,13 +28,13 @@ def packet(items: str, attributes: str = "", more: str = "") -> bytes:
 
 
 WITH_ALL = packet(
-    item("Primary", 0) + item("GainMap", len(GAIN_MAP)) + item("MotionPhoto", len(FILM), "video/mp4"),
+    item("Primary", 0) + item("GainMap", len(GAIN_MAP)) + item("MotionPhoto", len(VIDEO), "video/mp4"),
     'hdrgm:Version="1.0" Cam:MotionPhoto="1" Cam:MotionPhotoVersion="1"',
     "<hdrgm:GainMapMax>3.0</hdrgm:GainMapMax>",
 )
 
 
-def motion_photo(pixels: np.ndarray, xmp: bytes = WITH_ALL, after: bytes = GAIN_MAP + FILM) -> bytes:
+def motion_photo(pixels: np.ndarray, xmp: bytes = WITH_ALL, after: bytes = GAIN_MAP + VIDEO) -> bytes:
     return jpeg_with(pixels, (0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp)) + after
 
 
@@ -43,7 +43,7 @@ def block(kind: int, name: bytes, content: bytes) -> bytes:
     return struct.pack("<2xHI", kind, len(name)) + name + content
 
 
-FILM_BLOCK = block(0x0A30, b"MotionPhoto_Data", FILM)
+VIDEO_BLOCK = block(0x0A30, b"MotionPhoto_Data", VIDEO)
 TIME = block(0x0A01, b"Image_UTC_Data", b"1700000000000")
 DEPTHS = block(0x0AB1, b"DualShot_DepthMap", bytes(range(100)))
 VERSION = block(0x0A31, b"MotionPhoto_Version", b"mpv3")

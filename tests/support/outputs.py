@@ -46,8 +46,8 @@ class Scene:
     any_name: list[Path] = field(default_factory=list)
 
 
-def with_film(photo: Path) -> list[Path]:
-    """A photo and a film next to it, which a phone may have taken with it."""
+def with_video(photo: Path) -> list[Path]:
+    """A photo and a video next to it, which a phone may have taken with it."""
     photo.with_suffix(".MOV").write_bytes(b"film")
     return [photo, photo.with_suffix(".MOV")]
 
@@ -56,13 +56,13 @@ def photo(folder: Path) -> Scene:
     make_photos(folder, ["a.jpg"])
     motion = make_motion(folder / "m.json")
     words = ["rectify", folder / "a.jpg", "--motion", motion]
-    return Scene(words, [*with_film(folder / "a.jpg"), motion], PHOTO | LOG)
+    return Scene(words, [*with_video(folder / "a.jpg"), motion], PHOTO | LOG)
 
 
 def photos(folder: Path) -> Scene:
     """A folder, and weights of one's own."""
     make_photos(folder, ["in/a.jpg", "in/b.png"])
-    with_film(folder / "in" / "a.jpg")
+    with_video(folder / "in" / "a.jpg")
     weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
     inputs = [*sorted((folder / "in").iterdir()), weights]
     words = ["rectify", folder / "in", "--estimator", f"segment-transformer@{weights}", "--keep-names"]
@@ -78,7 +78,7 @@ def sequence(folder: Path) -> Scene:
 def neighbours(folder: Path) -> Scene:
     make_photos(folder, ["a.jpg", "b.jpg", "c.jpg"])
     words = ["rectify", folder / "b.jpg", "--before", folder / "a.jpg", "--after", folder / "c.jpg"]
-    inputs = [*with_film(folder / "b.jpg"), folder / "a.jpg", folder / "c.jpg"]
+    inputs = [*with_video(folder / "b.jpg"), folder / "a.jpg", folder / "c.jpg"]
     return Scene([*words, "--readout-ratio", "0.5"], inputs, PHOTO | LOG)
 
 
@@ -87,7 +87,7 @@ def estimate(folder: Path) -> Scene:
     weights, lines = shutil.copyfile(WEIGHTS, folder / "w.npz"), folder / "lines.json"
     lines.write_text(lines_as_text([DrawnLine("upright", ((x, 9), (x, 60))) for x in (10, 80)]))
     words = ["estimate", folder / "a.jpg", "--estimator", f"segment-transformer@{weights}", "--lines", lines]
-    inputs = [*with_film(folder / "a.jpg"), weights, lines]
+    inputs = [*with_video(folder / "a.jpg"), weights, lines]
     return Scene(words, inputs, {"--output": ".json", "--plot": ".png"}, any_name=[lines])
 
 
@@ -100,7 +100,7 @@ def map_photo(folder: Path) -> Scene:
     make_photos(folder, ["a.tif"])
     weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
     words = ["map", folder / "a.tif", "--estimator", f"segment-transformer@{weights}"]
-    return Scene(words, [*with_film(folder / "a.tif"), weights], {"--output": ".tif"})
+    return Scene(words, [*with_video(folder / "a.tif"), weights], {"--output": ".tif"})
 
 
 def points(folder: Path) -> Scene:
@@ -110,7 +110,7 @@ def points(folder: Path) -> Scene:
 
 
 def poses(folder: Path) -> Scene:
-    """A model and the motion file of its film."""
+    """A model and the motion file of its video."""
     camera = WalkingCamera()
     model = camera.write_model(folder / "sparse")
     motions = camera.write_clip_motion(folder / "m.json", 13)
@@ -118,23 +118,23 @@ def poses(folder: Path) -> Scene:
     return Scene(words, [*sorted(model.iterdir()), motions], {"--output": ""}, any_name=[motions])
 
 
-def film(folder: Path) -> Scene:
-    """A film, its gyro log next to it, and a file of its lens."""
-    film, log = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "a.gcsv"
+def video(folder: Path) -> Scene:
+    """A video, its gyro log next to it, and a file of its lens."""
+    video, log = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "a.gcsv"
     log.write_text(GCSV)
     lens = folder / "lens.json"
     matrix = {"camera_matrix": [[150, 0, 96], [0, 150, 72], [0, 0, 1]], "distortion_coeffs": [0.02, 0, 0, 0]}
     lens.write_text(json.dumps({"calib_dimension": {"w": 192, "h": 144}, "fisheye_params": matrix}))
-    words = ["video", film, "--readout-ratio", "0.6", "--gyro", log, "--lens", lens]
-    return Scene(words, [film, log, lens], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[log])
+    words = ["video", video, "--readout-ratio", "0.6", "--gyro", log, "--lens", lens]
+    return Scene(words, [video, log, lens], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[log])
 
 
-def film_by_motion(folder: Path) -> Scene:
-    film, motion = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "m.json"
-    words = ["video", film, *clips.KNOWN, "-o", folder / "first.mp4", "--save-motion", motion]
+def video_by_motion(folder: Path) -> Scene:
+    video, motion = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "m.json"
+    words = ["video", video, *clips.KNOWN, "-o", folder / "first.mp4", "--save-motion", motion]
     assert main(list(map(str, words))) == 0
-    words = ["video", film, "--motion", motion]
-    return Scene(words, [film, motion], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[motion])
+    words = ["video", video, "--motion", motion]
+    return Scene(words, [video, motion], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[motion])
 
 
 def evaluate(folder: Path) -> Scene:
@@ -198,11 +198,11 @@ SCENES: dict[str, list[Callable[[Path], Scene]]] = {
     "map": [map_photo],
     "points": [points],
     "poses": [poses],
-    "video": [film, film_by_motion],
+    "video": [video, video_by_motion],
     "evaluate": [evaluate],
     "synthesize": [synthesize],
     "train": [train],
     "calibrate": [calibrate],
 }
-NEEDS = {film: "av", film_by_motion: "av", evaluate: "matplotlib", train: "torch"}
+NEEDS = {video: "av", video_by_motion: "av", evaluate: "matplotlib", train: "torch"}
 NEEDS |= {calibrate: "sklearn"}

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp
 from support.installed import install
 from unshutter.cli import main
 from unshutter.page.settings import Settings
-from unshutter.page.store import Desk, temporary_folder
+from unshutter.page.store import ServerState, temporary_folder
 
 TOKEN = "test-token"
 LONG_S = 60  # for what takes a moment, unless others work beside the tests
@@ -95,10 +95,10 @@ def run_command(*arguments: object) -> None:
 
 
 @contextmanager
-def desk(settings: Settings | None = None) -> Iterator[Desk]:
+def desk(settings: Settings | None = None) -> Iterator[ServerState]:
     """A desk in this process; its lanes start their processes when they are used."""
     with temporary_folder() as folder:
-        made = Desk.open(settings or Settings(token=TOKEN), folder)
+        made = ServerState.open(settings or Settings(token=TOKEN), folder)
         try:
             yield made
         finally:

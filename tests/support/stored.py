@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from unshutter import Readout
+from unshutter import ScanDirection
 
 
-def as_stored(frame: np.ndarray, readout: Readout) -> np.ndarray:
+def as_stored(frame: np.ndarray, readout: ScanDirection) -> np.ndarray:
     """Readout frame [H, W, ...] -> stored pixels."""
     return np.rot90(frame, -readout.quarter_turns)

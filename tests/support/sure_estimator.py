@@ -17,5 +17,7 @@ class Sure(Estimator):
     def estimate(self, view: View) -> Finding:
         if self.reason:
             return view.no_motion(self.name, self.reason)
-        motion = RowMotion.from_polynomials([0, self.px], [0], view.height, view.width, readout=view.readout)
+        motion = RowMotion.from_polynomials(
+            [0, self.px], [0], view.height, view.width, scan_direction=view.scan_direction
+        )
         return Finding(motion, estimator=self.name, source=MotionSource.PIXELS, confidence=self.confidence)

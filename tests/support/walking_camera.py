@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from unshutter.motion import RotationMotion
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 
 HEIGHT, WIDTH, FOCAL = 480, 640, 500.0
 FPS, RATIO = 30.0, 0.6
@@ -18,7 +18,7 @@ CENTRE = np.array([WIDTH / 2, HEIGHT / 2])  # COLMAP's: the centre of the first 
 
 @dataclass(frozen=True)
 class WalkingCamera:
-    """A camera whose sensor is read in 20 ms, with pictures of 640x480 px; every third frame of a film is in the model.
+    """A camera whose sensor is read in 20 ms, with pictures of 640x480 px; every third frame is in the model.
 
     Attributes:
         numbers: the frames in the model.
@@ -32,7 +32,7 @@ class WalkingCamera:
     speed: float = 1.0
     swing: float = 0.08
     apparent: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    readout: Readout = Readout.TOP_TO_BOTTOM
+    readout: ScanDirection = ScanDirection.TOP_TO_BOTTOM
 
     def rotation(self, time_s: float) -> np.ndarray:
         """[3, 3] from the world to the camera."""
@@ -52,10 +52,10 @@ class WalkingCamera:
     def line_of(self, col: float, row: float) -> float:
         """The line, in the order of reading, that has a position; pixel centres are at whole numbers."""
         return {
-            Readout.TOP_TO_BOTTOM: row,
-            Readout.BOTTOM_TO_TOP: HEIGHT - 1 - row,
-            Readout.LEFT_TO_RIGHT: col,
-            Readout.RIGHT_TO_LEFT: WIDTH - 1 - col,
+            ScanDirection.TOP_TO_BOTTOM: row,
+            ScanDirection.BOTTOM_TO_TOP: HEIGHT - 1 - row,
+            ScanDirection.LEFT_TO_RIGHT: col,
+            ScanDirection.RIGHT_TO_LEFT: WIDTH - 1 - col,
         }[self.readout]
 
     def seen(self, number: int, point: np.ndarray) -> np.ndarray:
@@ -118,11 +118,11 @@ class WalkingCamera:
         lines, across = self.readout.frame_size(HEIGHT, WIDTH)
         for number in self.numbers:
             turns = self.turns(number, np.arange(lines), lines)
-            RotationMotion(across, turns, FOCAL, readout=self.readout).save(folder / f"{number:05}.json")
+            RotationMotion(across, turns, FOCAL, scan_direction=self.readout).save(folder / f"{number:05}.json")
         return folder
 
     def write_clip_motion(self, file: Path, frames: int) -> Path:
-        """Writes the motion file of the whole film."""
+        """Writes the motion file of the whole video."""
         small, saved = 65, 17
         middle = (small - 1) / 2
         lines, _ = self.readout.frame_size(HEIGHT, WIDTH)

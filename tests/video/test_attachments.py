@@ -1,4 +1,4 @@
-"""Files attached to a Matroska clip: they are kept, do not count as its film, and are not held many times."""
+"""Files attached to a Matroska clip: they are kept, do not count as its video, and are not held many times."""
 
 import os
 import subprocess
@@ -9,7 +9,7 @@ import av
 import pytest
 
 from support import clips
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 
 _, GREYS = clips.moving(12)
 MEGABYTES = 60
@@ -30,9 +30,9 @@ def attached(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "in.mkv"
 
 
-def test_attachments_do_not_count_as_film(attached: Path) -> None:
-    with_file = look(str(attached)).coding.bits_per_s
-    without = look(str(attached.with_name("made.mkv"))).coding.bits_per_s
+def test_attachments_do_not_count_as_video(attached: Path) -> None:
+    with_file = read_clip_facts(str(attached)).coding.bits_per_s
+    without = read_clip_facts(str(attached.with_name("made.mkv"))).coding.bits_per_s
     assert without > 0
     assert with_file == pytest.approx(without, rel=0.3)  # the file's own headers count
 
@@ -47,8 +47,8 @@ def test_attachments_are_not_held_many_times(attached: Path, tmp_path: Path) -> 
     without[6] = str(tmp_path / "small.mkv")
     more = (_peak_megabytes(running) - _peak_megabytes(without)) / MEGABYTES
     assert more < _peak_megabytes(opening) / MEGABYTES + 2
-    with av.open(str(tmp_path / "out.mkv")) as film:
-        assert [len(each.data) for each in film.streams if each.type == "attachment"] == [MEGABYTES << 20]
+    with av.open(str(tmp_path / "out.mkv")) as video:
+        assert [len(each.data) for each in video.streams if each.type == "attachment"] == [MEGABYTES << 20]
 
 
 def _peak_megabytes(command: list[str]) -> float:

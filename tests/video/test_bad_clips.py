@@ -38,17 +38,17 @@ def test_not_there(tmp_path, capsys):
     refused(capsys, [tmp_path / "no.mp4", "-o", tmp_path / "out.mp4"], 1, "no.mp4", "No such file")
 
 
-def test_no_film_at_all(tmp_path, capsys):
+def test_no_video_at_all(tmp_path, capsys):
     text = tmp_path / "in.mp4"
     text.write_text("hello, this is a letter" * 100)
-    refused(capsys, [text, "-o", tmp_path / "out.mp4"], 1, "no film that can be read")
+    refused(capsys, [text, "-o", tmp_path / "out.mp4"], 1, "no video that can be read")
 
 
 def test_what_cannot_be_is_reported_before_the_work(tmp_path, capsys, clip, monkeypatch):
-    monkeypatch.setattr("unshutter.video.camera.survey", None)  # the long search
+    monkeypatch.setattr("unshutter.video.camera.sample_frames", None)  # the long search
     refused(capsys, [clip, "-o", tmp_path / "out.txt"], 1, "ends in '.txt': use .mp4, .mov or .mkv")
     refused(capsys, [clip, clip], 2, "takes one CLIP: leave out ")
-    refused(capsys, [clip, "-o", tmp_path / "out.jpg"], 1, "'.jpg' is not a film", "out/%05d.jpg")
+    refused(capsys, [clip, "-o", tmp_path / "out.jpg"], 1, "'.jpg' is not a video", "out/%05d.jpg")
     refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--start", 99], 1, "in.mp4 ends at", "--start")
     refused(capsys, [tmp_path / "photo.jpg"], 2, "is a photo, not a clip: unshutter rectify")
 
@@ -59,14 +59,14 @@ def test_what_cannot_be_is_reported_before_the_work(tmp_path, capsys, clip, monk
 def test_another_ending_or_codec_is_offered_that_works(tmp_path, capsys, ending, way):
     clip = clips.write(tmp_path / "in.webm", GREYS, "libvpx-vp9", options={"cpu-used": "8"})
     words = [clip, *clips.KNOWN, "-o", tmp_path / f"out{ending}"]
-    refused(capsys, words, 1, f"cannot write libvpx-vp9 into {ending} films (192x144 px, yuv420p): {way}")
+    refused(capsys, words, 1, f"cannot write libvpx-vp9 into {ending} videos (192x144 px, yuv420p): {way}")
     for kind, flags in ((".mkv", []), (".mov", ["--codec", "libx264"])):
         out = tmp_path / f"out{kind}"
         assert main(["video", *map(str, [clip, *clips.KNOWN, "-o", out, "--overwrite", *flags])]) == 0
 
 
 @pytest.mark.parametrize("kind", ["concat", "hls"])
-def test_a_list_of_other_files_is_no_film(tmp_path, capsys, clip, kind):
+def test_a_list_of_other_files_is_no_video(tmp_path, capsys, clip, kind):
     """What lists like these name would be opened, wherever it is."""
     texts = {
         "concat": f"ffconcat version 1.0\nfile '{clip.name}'\n",
@@ -74,7 +74,7 @@ def test_a_list_of_other_files_is_no_film(tmp_path, capsys, clip, kind):
     }
     path = tmp_path / "list.m3u8"
     path.write_text(texts[kind])
-    refused(capsys, [path, "-o", tmp_path / "out.mp4", "--readout-ratio", "0.6"], 1, "no film that can be read")
+    refused(capsys, [path, "-o", tmp_path / "out.mp4", "--readout-ratio", "0.6"], 1, "no video that can be read")
 
 
 def test_sound_only(tmp_path, capsys):
@@ -199,7 +199,7 @@ def test_what_is_there_stays(tmp_path, capsys, clip):
     assert out.read_bytes() == b"mine"
 
 
-def test_an_ending_that_holds_no_film(tmp_path, capsys, clip):
+def test_an_ending_that_holds_no_video(tmp_path, capsys, clip):
     refused(capsys, [clip, "-o", tmp_path / "out.xyz", "--readout-ratio", "0.6"], 1, ".xyz")
     assert left_behind(tmp_path) == []
 
@@ -281,8 +281,8 @@ def test_ctrl_c_while_the_library_is_loaded(clip):
         "    def find_spec(self, name, *_):\n"
         "        if name == 'av.container': sys.meta_path.remove(self); raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Stop())\n"
-        "from unshutter.video.clip_facts import look\n"
-        "try: look(sys.argv[1])\n"
+        "from unshutter.video.clip_facts import read_clip_facts\n"
+        "try: read_clip_facts(sys.argv[1])\n"
         "except KeyboardInterrupt: sys.exit(130)"
     )
     ended = subprocess.run([sys.executable, "-c", script, str(clip)], capture_output=True, text=True, check=False)

@@ -246,7 +246,7 @@ def test_a_cut_is_told_and_parts_the_motion(tmp_path):
     assert record["frames"] == record["rectified"] == 2 * FRAMES
 
 
-@pytest.mark.parametrize("name", ["moments.jpg", "film.mp4"])
+@pytest.mark.parametrize("name", ["moments.jpg", "video.mp4"])
 def test_a_preview_shows_both(tmp_path, name):
     before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
     shown = tmp_path / name
@@ -276,8 +276,8 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
             observer=observer,
         )
     assert capfd.readouterr() == ("", "")
-    assert calls == [(outcome.readout, outcome.interval_s)]
-    assert outcome.ratio.value == pytest.approx(0.6) and outcome.readout.camera == "nemo"
+    assert calls == [(outcome.readout_time, outcome.interval_s)]
+    assert outcome.ratio.value == pytest.approx(0.6) and outcome.readout_time.camera == "nemo"
     assert [reason.code for reason in outcome.reasons] == [Code.STOOD_STILL]
     assert steps[-1][:2] == ("frames", 30) and {what for what, _, _ in steps} == {"looking", "judging", "frames"}
 
@@ -300,7 +300,7 @@ def test_frames_that_show_no_motion_do_not_jump_back_to_their_distortion(tmp_pat
     outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(SHUTTER))
     assert outcome.frames == outcome.rectified == 30
     true = [each[-1] - each[0] for each in (camera.motion(k).rotations for k in range(30))]
-    left = np.abs([turn - each for (_, turn), each in zip(outcome.turns, true, strict=True)]).max(axis=1)
+    left = np.abs([turn - each for (_, turn), each in zip(outcome.rotations, true, strict=True)]).max(axis=1)
     assert left[14:16].max() < 0.15 * np.abs(true[14]).max()
 
 
@@ -314,7 +314,9 @@ def test_the_correction_fades_in_where_motion_was_unknown_for_longer(tmp_path):
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
     outcome = rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(SHUTTER))
     assert Reason(Code.NO_COMMON_MOTION) in outcome.reasons
-    undone = np.nan_to_num([np.abs(turn).max() for _, turn in outcome.turns]) / np.abs(camera.motion(5).rotations).max()
+    undone = (
+        np.nan_to_num([np.abs(turn).max() for _, turn in outcome.rotations]) / np.abs(camera.motion(5).rotations).max()
+    )
     first = 28 - undone[:28][::-1].argmin()  # after the last frame that is left
     assert 23 <= first < 26 and undone[28] > 0.8 and np.diff(undone[first - 1 : 29]).min() > 0
     assert np.diff(undone[first - 1 : 29]).max() < 0.3

@@ -1,4 +1,4 @@
-"""Films whose files end early are refused in one line, and whole ones never; what is there can be had."""
+"""Videos whose files end early are refused in one line, and whole ones never; what is there can be had."""
 
 import re
 
@@ -7,7 +7,7 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 
 GREYS = clips.moving(30)[1]
 RATIO = [*clips.KNOWN, "--strength", "0"]
@@ -26,9 +26,9 @@ STATED = ["mkv", "webm", "flv", "mp4", "avi"]  # the others do not say how long 
 
 
 @pytest.fixture(scope="module")
-def films(tmp_path_factory):
+def videos(tmp_path_factory):
     """One of each kind."""
-    folder = tmp_path_factory.mktemp("films")
+    folder = tmp_path_factory.mktemp("videos")
     return {
         kind: clips.write(folder / f"whole.{kind}", GREYS, codec, sound=sound, **more)
         for kind, (codec, sound, more) in KINDS.items()
@@ -36,8 +36,8 @@ def films(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_whole_films_are_whole(films, kind):
-    clip = look(films[kind], until_s=None)
+def test_whole_videos_are_whole(videos, kind):
+    clip = read_clip_facts(videos[kind], until_s=None)
     clip.check_whole()
     assert clip.extent.frames == len(list(clip.frames_between())) == len(GREYS)
     later = list(clip.frames_between(clip.expected.start_s + 0.3))
@@ -45,8 +45,8 @@ def test_whole_films_are_whole(films, kind):
 
 
 @pytest.mark.parametrize("kind", STATED)
-def test_cut_off(tmp_path, capsys, films, kind):
-    data, cut = films[kind].read_bytes(), tmp_path / f"in.{kind}"
+def test_cut_off(tmp_path, capsys, videos, kind):
+    data, cut = videos[kind].read_bytes(), tmp_path / f"in.{kind}"
     for share in (0.4,) if kind == "mp4" else (0.4, 0.6):  # a cut between two fragments does not show
         cut.write_bytes(data[: int(share * len(data)) + 1])
         refused(capsys, [cut, "-o", tmp_path / f"out.{kind}", *RATIO], 1, f"in.{kind}", "the file is cut off")
@@ -54,9 +54,9 @@ def test_cut_off(tmp_path, capsys, films, kind):
 
 
 @pytest.mark.parametrize("kind", ["mkv", "flv", "webm"])
-def test_how_much_is_missing(tmp_path, capsys, films, kind):
+def test_how_much_is_missing(tmp_path, capsys, videos, kind):
     """And how to keep what is there."""
-    data, cut = films[kind].read_bytes(), tmp_path / f"in.{kind}"
+    data, cut = videos[kind].read_bytes(), tmp_path / f"in.{kind}"
     cut.write_bytes(data[: len(data) * 6 // 10])
     shown = refused(capsys, [cut, "-o", tmp_path / f"out.{kind}", *RATIO], 1, "ends early")
     match = re.search(r"after (0\.\d) of 1\.\d s: the file is cut off; --end (0\.\d) keeps", shown)
@@ -68,16 +68,16 @@ def test_how_much_is_missing(tmp_path, capsys, films, kind):
 
 
 @pytest.mark.parametrize("kind", ["mkv", "webm", "avi"])
-def test_what_lies_behind_the_last_frame_may_be_missing(films, tmp_path, kind):
+def test_what_lies_behind_the_last_frame_may_be_missing(videos, tmp_path, kind):
     """Such as an index: no frame is lost."""
-    (tmp_path / f"in.{kind}").write_bytes(films[kind].read_bytes()[:-1])
-    clip = look(tmp_path / f"in.{kind}", until_s=None)
+    (tmp_path / f"in.{kind}").write_bytes(videos[kind].read_bytes()[:-1])
+    clip = read_clip_facts(tmp_path / f"in.{kind}", until_s=None)
     clip.check_whole()
     assert len(list(clip.frames_between())) == len(GREYS)
 
 
 def test_an_end_that_was_never_written(tmp_path, capsys):
-    """A file of full length, but empty from the middle of the film on, as some downloads and recorders leave it."""
+    """A file of full length, but empty from the middle of the video on, as some downloads and recorders leave it."""
     clusters = {"container": {"cluster_time_limit": "300"}, "options": {"bf": "0"}}
     data = bytearray(clips.write(tmp_path / "whole.mkv", GREYS, **clusters).read_bytes())
     at = [match.start() for match in re.finditer(rb"\x1f\x43\xb6\x75", data)][1]
@@ -87,7 +87,7 @@ def test_an_end_that_was_never_written(tmp_path, capsys):
 
 
 def test_a_hole_is_told(tmp_path, capsys):
-    """The film goes on after it: nobody knows whether something is missing."""
+    """The video goes on after it: nobody knows whether something is missing."""
     times = [k / 30 + (2.0 if k > 15 else 0.0) for k in range(30)]
     path = clips.write(tmp_path / "in.mp4", GREYS, times=times)
     assert main(["video", str(path), "-o", str(tmp_path / "out.mp4"), *RATIO]) == 0

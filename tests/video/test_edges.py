@@ -9,7 +9,7 @@ from support.hand_held import pan
 from unshutter.motion import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.options.clip_options import ClipUndo
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.video.clip_motion import ROWS
 from unshutter.video.enlargement import LARGEST, Enlargement
 from unshutter.video.frame_map import FrameMap, blacken, warp_plane
@@ -20,7 +20,7 @@ CAMERA, GREYS = clips.moving(16)
 
 def path_of(*shares):
     """The path of frames that lean to one side by shares of their width."""
-    path = CameraPath(ClipUndo(), Readout.TOP_TO_BOTTOM, clips.WIDTH / clips.HEIGHT)
+    path = CameraPath(ClipUndo(), ScanDirection.TOP_TO_BOTTOM, clips.WIDTH / clips.HEIGHT)
     width = round(ROWS * clips.WIDTH / clips.HEIGHT)
     for number, share in enumerate(shares):
         motion = RowMotion.from_polynomials([0, share * width], [0], ROWS, width)
@@ -90,15 +90,15 @@ def still_then(frames, still=24):
         (clips.standing(20), [], []),
     ],
 )
-def test_a_film_is_the_same_whether_its_motion_is_saved_or_was(tmp_path, straighten, greys, flags, kept):
+def test_a_video_is_the_same_whether_its_motion_is_saved_or_was(tmp_path, straighten, greys, flags, kept):
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray")
     saved = tmp_path / "motion.json"
-    films = []
+    videos = []
     for more in (flags, [*flags, "--save-motion", saved], [*kept, "--motion", saved]):
         out, _, said = straighten(clip, *more)
-        films.append((out.read_bytes(), "enlarged" in said))
-    assert films[0] == films[1] == films[2]
-    assert (films[0][0] == clip.read_bytes()) == (not flags)
+        videos.append((out.read_bytes(), "enlarged" in said))
+    assert videos[0] == videos[1] == videos[2]
+    assert (videos[0][0] == clip.read_bytes()) == (not flags)
 
 
 def test_a_clip_in_which_little_is_missing_is_not_enlarged(tmp_path, straighten):

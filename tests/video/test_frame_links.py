@@ -16,7 +16,7 @@ from unshutter.motion.finding import Finding
 from unshutter.options import MAX_PIXELS
 from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.clip_motion import MovingFrame
 from unshutter.video.frame_links import linked
 from unshutter.video.pixels import PixelFormat
@@ -65,8 +65,8 @@ def test_planes_of_many_kinds(tmp_path, pixel_format):
 
 def planes(path):
     """Each plane of a clip, all frames of it."""
-    with av.open(str(path)) as film:
-        frames = [[a.copy() for a in PixelFormat.of(f.format).arrays(f)] for f in film.decode(video=0)]
+    with av.open(str(path)) as video:
+        frames = [[a.copy() for a in PixelFormat.of(f.format).arrays(f)] for f in video.decode(video=0)]
     return [np.stack(plane) for plane in zip(*frames, strict=True)]
 
 
@@ -164,7 +164,7 @@ def test_what_does_not_go_together_is_refused(tmp_path, clip, flags, said, capsy
 
 def test_three_frames_are_held_at_a_time(tmp_path):
     before = clips.write(tmp_path / "in.mkv", [two_layers.frame(k) for k in range(FRAMES)], "ffv1", "gray")
-    clip = look(str(before), MAX_PIXELS)
+    clip = read_clip_facts(str(before), MAX_PIXELS)
     request = ClipRequest.of(clip, RectifyClip(undo=ClipUndo(model="dense", edges="borrow")))
     held = weakref.WeakSet()
 

@@ -12,11 +12,11 @@ from unshutter.video import cameras, gain
 from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.gain import FrameSteps, Gain, gain_of_clip
 from unshutter.video.plan import Leave, make_plan
 from unshutter.video.readout_regression import PairMotion
-from unshutter.video.survey import survey
+from unshutter.video.survey import sample_frames
 from unshutter.video.work import Stage, Work
 
 FRAMES = 24
@@ -108,12 +108,12 @@ def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path
     monkeypatch.setattr(gain, "ALL", 3 * 16)
     camera, greys = clips.moving(60)
     greys = greys if kind == "distorted" else clips.truth(camera)
-    clip = look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)))
     found, evidence = find_camera(request)
-    told = gain_of_clip(request, found.readout, None, evidence)
+    told = gain_of_clip(request, found.readout_time, None, evidence)
     if told.declined() is not None:
-        told = gain_of_clip(request, found.readout, None, survey(request, [(None, None)]))
+        told = gain_of_clip(request, found.readout_time, None, sample_frames(request, [(None, None)]))
     assert abs(told.frames - examined) <= 4
     before, after = np.median(told.wobble_px, axis=0)
     middle, error = told.gain
@@ -134,7 +134,7 @@ class _Shares(ClipObserver):
 def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(gain, "RUN", 16)
     monkeypatch.setattr(gain, "ALL", 3 * 16)
-    clip = look(str(clips.write(tmp_path / "in.mkv", clips.truth(clips.moving(60)[0]), "ffv1")))
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", clips.truth(clips.moving(60)[0]), "ffv1")))
     expected: list[dict[Stage, int]] = []
     done: list[Stage] = []
     expect = Work.expect

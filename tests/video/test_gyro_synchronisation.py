@@ -16,7 +16,7 @@ from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code
 from unshutter.video.clip_gyro import Synchronisation, synchronised
-from unshutter.video.gyro_fit import Adjusted, GyroTurns
+from unshutter.video.gyro_fit import Adjusted, GyroRotations
 from unshutter.video.gyro_log import Alignment, GyroLog
 
 SHIFT, BIAS = 0.137, (0.01, -0.005, 0.003)
@@ -139,7 +139,7 @@ def test_rows_follow_the_gyro(kind, most_px):
     frames = [GreyFrame(hand_held.HEIGHT, hand_held.WIDTH, grey, time_s=k / 30) for k, grey in enumerate(greys)]
 
     def errors(turns):
-        finder = CameraMotion(ReadoutRatio(0.6), hand_held.FOCAL, turns=turns)
+        finder = CameraMotion(ReadoutRatio(0.6), hand_held.FOCAL, known_rotations=turns)
         at = np.meshgrid(np.linspace(10, 310, 9), np.linspace(10, 170, 17))
         off = []
         for k, motion in enumerate(finder.motions(frames)):
@@ -147,7 +147,7 @@ def test_rows_follow_the_gyro(kind, most_px):
             off.append(np.hypot(*np.subtract(found, camera.motion(k, "middle").gs_to_rs(*at))))
         return float(np.sqrt(np.mean(np.square(off))))
 
-    by_gyro = errors(GyroTurns(gyro_log(camera, SHIFT, BIAS), found.alignment))
+    by_gyro = errors(GyroRotations(gyro_log(camera, SHIFT, BIAS), found.alignment))
     assert by_gyro < most_px
     if kind == "vibration":
         assert errors(None) > 2 * by_gyro

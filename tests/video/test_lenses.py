@@ -15,14 +15,14 @@ from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.options.clip_options import RectifyClip, Shutter, Steadiness
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.progress import SILENT
 from unshutter.video import lenses
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.frame_map import StraightView
 from unshutter.video.lenses import LensProfile, lens_of_clip, lens_of_file, lens_of_tracks, named_lenses, table
-from unshutter.video.survey import Survey
+from unshutter.video.survey import SampledFrames
 from unshutter.video.work import Work
 
 K = [0.04, 0.01, -0.006, 0.002]
@@ -34,7 +34,7 @@ class _Size:
     height, width = 360, 640
 
 
-def request_of(readout=Readout.TOP_TO_BOTTOM):
+def request_of(readout=ScanDirection.TOP_TO_BOTTOM):
     return ClipRequest(_Size(), RectifyClip(), readout, Work(SILENT, 1.0))  # type: ignore[arg-type]
 
 
@@ -98,7 +98,7 @@ def test_gyroflow_json(tmp_path):
     lens = lens_of_file(file, request_of())
     assert lens.focal == pytest.approx(300 / 360) and lens.k == pytest.approx(K)
     assert lens.shift[0] == pytest.approx((325.25 - 0.5 - 319.5 + 0.0) / 300, abs=1e-3)
-    turned = lens_of_file(file, request_of(Readout.LEFT_TO_RIGHT))
+    turned = lens_of_file(file, request_of(ScanDirection.LEFT_TO_RIGHT))
     assert turned.focal == pytest.approx(300 / 640)
 
 
@@ -168,21 +168,21 @@ def test_lines_become_straight(tmp_path, capsys, flags):
     clip = clips.write(tmp_path / "in.mkv", 12 * [grid(BENT, None)], "ffv1", "gray")
     words = ["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--lens", calibration(tmp_path), "--straight-lines"]
     assert main([*words, "--edges", "keep" if not flags else "fill", *flags]) == 0
-    view = StraightView.of(BENT, Readout.TOP_TO_BOTTOM, 640 / 360)
+    view = StraightView.of(BENT, ScanDirection.TOP_TO_BOTTOM, 640 / 360)
     assert f"lens file; straight now, {view.degrees(640 / 360):.0f} degrees" in capsys.readouterr().err
     before, after, true = (clips.luma(clip)[6], clips.luma(tmp_path / "out.mkv")[6], grid(None, view.focal))
     assert clips.psnr(after, true) > 30 > 15 > clips.psnr(before, true)
 
 
 def test_the_view_is_as_wide_as_the_border_allows():
-    view = StraightView.of(BENT, Readout.TOP_TO_BOTTOM, 640 / 360)
+    view = StraightView.of(BENT, ScanDirection.TOP_TO_BOTTOM, 640 / 360)
     col, row = (each.ravel() for each in np.meshgrid([0, 319.5, 639], [0, 179.5, 359]))
-    seen = np.stack(view.looks(col, row, 360, 640))
+    seen = np.stack(view.to_source(col, row, 360, 640))
     assert (
         (seen >= -0.5).all() and (seen <= [[639.5], [359.5]]).all() and np.abs(seen[:, 4] - [319.5, 179.5]).max() < 1e-6
     )
     assert min(seen[0].min(), seen[1].min()) < 4  # and hardly less
-    assert StraightView.of(Lens(0.5, (0.0,) * 4), Readout.TOP_TO_BOTTOM, 16 / 9).degrees(16 / 9) < 120.1
+    assert StraightView.of(Lens(0.5, (0.0,) * 4), ScanDirection.TOP_TO_BOTTOM, 16 / 9).degrees(16 / 9) < 120.1
 
 
 def test_lines_are_not_straightened_without_a_lens(tmp_path, capsys):
@@ -207,7 +207,7 @@ def test_gopros_field_of_view_chooses_among_its_lenses(tmp_path, monkeypatch, sh
     clip = clips.write(tmp_path / "in.mp4", clips.standing(30), **tags)
     if share is not None:
         with_settings(clip, entry(b"ZFOV", b"f", struct.pack(">f", share * listed[0].degrees), 4))
-    lens = lens_of_clip(ClipRequest.of(look(str(clip)), RectifyClip()), Survey())
+    lens = lens_of_clip(ClipRequest.of(read_clip_facts(str(clip)), RectifyClip()), SampledFrames())
     assert (lens and lens.source) == (said and f"table of lenses (GoPro HERO8 Black {said})")
 
 
@@ -217,7 +217,7 @@ def test_a_named_camera_is_not_one_with_a_longer_name(tmp_path, monkeypatch):
     focals = {"iPhone 13": 0.7, "iPhone 13 Pro": 0.9}
     listed = [LensProfile("Apple", model, "", *size, focal, (0.5, 0.5), k, 1) for model, focal in focals.items()]
     monkeypatch.setattr(lenses, "table", lambda: tuple(listed))
-    clip = look(str(clips.write(tmp_path / "in.mp4", clips.standing(30))))
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mp4", clips.standing(30))))
     for name, source in (("iphone 13", "table of lenses (Apple iPhone 13)"), ("iphone", None)):
-        lens = lens_of_clip(ClipRequest.of(clip, RectifyClip(shutter=Shutter(camera=name))), Survey())
+        lens = lens_of_clip(ClipRequest.of(clip, RectifyClip(shutter=Shutter(camera=name))), SampledFrames())
         assert (lens and lens.source) == source

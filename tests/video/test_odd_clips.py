@@ -11,19 +11,19 @@ from support.covering import thorough
 from support.hand_held import hand
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip_facts import look
-from unshutter.video.film_file import writing
+from unshutter.video.clip_facts import read_clip_facts
+from unshutter.video.video_writer import writing
 
 GREYS = clips.moving(16)[1]
 
 
 def straightened(source, target, *more):
     assert main(["video", str(source), "-o", str(target), *clips.KNOWN, *map(str, more)]) == 0
-    return look(target)
+    return read_clip_facts(target)
 
 
 def times(path):
-    return np.array([frame.time for frame in look(path).frames_between()])
+    return np.array([frame.time for frame in read_clip_facts(path).frames_between()])
 
 
 def test_avi_counts_frames_that_are_not_there(tmp_path):
@@ -58,7 +58,7 @@ def test_encoders_with_clocks_of_their_own(tmp_path, name, codec):
     assert np.allclose(np.diff(times(tmp_path / f"out{path.suffix}")), 1 / 30, atol=0.001)
 
 
-def test_a_film_that_begins_before_0(tmp_path):
+def test_a_video_that_begins_before_0(tmp_path):
     shown = [k / 30 - 0.2 for k in range(16)]
     path = clips.write(tmp_path / "in.mkv", GREYS, times=shown, container={"avoid_negative_ts": "disabled"})
     straightened(path, tmp_path / "out.mkv")
@@ -68,8 +68,8 @@ def test_a_film_that_begins_before_0(tmp_path):
 
 def sound_from(path):
     """Times of the sound's packets after that of the first frame [s]."""
-    with clips.av.open(str(path)) as film:
-        packets = [packet for packet in film.demux(film.streams.audio[0]) if packet.size]
+    with clips.av.open(str(path)) as video:
+        packets = [packet for packet in video.demux(video.streams.audio[0]) if packet.size]
         heard = [float((packet.pts or 0) * packet.time_base) for packet in packets]
     return np.array(heard) - times(path)[0]
 
@@ -78,7 +78,7 @@ def sound_from(path):
     ("name", "from_s", "ending"),
     [("in.mkv", -0.2, ".mp4"), ("in.ts", 100.0, ".mp4"), ("in.ts", 100.0, ".mkv"), ("in.ts", 100.0, ".ts")],
 )
-def test_where_a_film_begins(tmp_path, name, from_s, ending):
+def test_where_a_video_begins(tmp_path, name, from_s, ending):
     """MP4 hides what is before 0, and shows nothing until a clock's 100 s; all sound stays where it was."""
     container = {"avoid_negative_ts": "disabled", "output_ts_offset": str(from_s)}
     path = clips.write(tmp_path / name, GREYS, sound="mp2", container=container)
@@ -89,8 +89,8 @@ def test_where_a_film_begins(tmp_path, name, from_s, ending):
     assert (clips.times(target)[0] > 99) if ending == ".ts" else (0 <= clips.times(target)[0] < 0.05)
 
 
-def test_sound_before_the_beginning_of_an_edited_film(tmp_path):
-    """An edit list hides 0.3 s of a cut film; other containers have no such list."""
+def test_sound_before_the_beginning_of_an_edited_video(tmp_path):
+    """An edit list hides 0.3 s of a cut video; other containers have no such list."""
     whole = clips.write(tmp_path / "whole.mp4", GREYS, sound=True)
     with clips.av.open(str(whole)) as old, clips.av.open(str(tmp_path / "in.mp4"), "w") as new:
         copies = [new.add_stream_from_template(each, opaque=True) for each in old.streams]
@@ -161,9 +161,9 @@ def test_a_percent_sign_in_names_that_are_written(tmp_path):
     assert len(clips.luma(tmp_path / "50% %d" / "50%.mp4")) == len(GREYS)
 
 
-def test_a_single_picture_is_no_film(tmp_path, capsys):
+def test_a_single_picture_is_no_video(tmp_path, capsys):
     path = clips.write(tmp_path / "in.mp4", GREYS)
-    refused(capsys, [path, "-o", tmp_path / "out.png", *clips.KNOWN], 1, "ffmpeg -i film.mkv out/%05d.png")
+    refused(capsys, [path, "-o", tmp_path / "out.png", *clips.KNOWN], 1, "ffmpeg -i video.mkv out/%05d.png")
     refused(capsys, [tmp_path, "-o", tmp_path / "out.mp4", *clips.KNOWN], 1, "is a folder", "ffmpeg -framerate 30 -i")
     assert left_behind(tmp_path) == []
 

@@ -8,7 +8,7 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 
 GREYS = clips.moving(6)[1]
 COVER = cv2.imencode(".jpg", np.full((32, 32, 3), 90, np.uint8))[1].tobytes()
@@ -24,20 +24,20 @@ def written(capsys, source, target):
 
 
 def times(path):
-    return np.array([frame.time for frame in look(path).frames_between()])
+    return np.array([frame.time for frame in read_clip_facts(path).frames_between()])
 
 
 def streams(path):
-    """(type, codec) of the streams other than the film."""
-    with av.open(str(path)) as film:
-        rest = [each for each in film.streams if each is not film.streams.video[0]]
+    """(type, codec) of the streams other than the video."""
+    with av.open(str(path)) as video:
+        rest = [each for each in video.streams if each is not video.streams.video[0]]
         return [(each.type, each.codec_context.name if each.codec_context else None) for each in rest]
 
 
 def covers(path):
-    with av.open(str(path)) as film:
-        pictures = {each.index for each in film.streams.video if each.disposition & 0x400}
-        return [bytes(packet) for packet in film.demux() if packet.stream_index in pictures and packet.size]
+    with av.open(str(path)) as video:
+        pictures = {each.index for each in video.streams.video if each.disposition & 0x400}
+        return [bytes(packet) for packet in video.demux() if packet.stream_index in pictures and packet.size]
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".mov"])
@@ -95,10 +95,10 @@ def test_sound(tmp_path, capsys, sound, ending, kept):
 
 
 @pytest.mark.parametrize(("codec", "ending"), [("rawvideo", ".mov"), ("ffv1", ".mov"), ("huffyuv", ".mkv")])
-def test_a_codec_that_the_film_cannot_hold(tmp_path, capsys, codec, ending):
+def test_a_codec_that_the_video_cannot_hold(tmp_path, capsys, codec, ending):
     source = clips.write(tmp_path / "in.avi", GREYS, codec, "yuv422p" if codec == "huffyuv" else "yuv420p")
     words = [source, "-o", tmp_path / f"out{ending}", *clips.KNOWN]
-    refused(capsys, words, 1, f"cannot write {codec} into {ending} films", "add --codec libx264")
+    refused(capsys, words, 1, f"cannot write {codec} into {ending} videos", "add --codec libx264")
     assert left_behind(tmp_path) == []
 
 
@@ -112,10 +112,10 @@ def test_dnxhr(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["out.mpd", "out.m3u8", "out.ismv", "out.bmp", "out.webp"])
 def test_films_of_several_files_are_refused(tmp_path, capsys, name):
     source = clips.write(tmp_path / "in.mp4", GREYS)
-    (tmp_path / "chunk-stream0-00001.m4s").write_bytes(b"of another film")
+    (tmp_path / "chunk-stream0-00001.m4s").write_bytes(b"of another video")
     before = sorted(tmp_path.iterdir())
     refused(
-        capsys, [source, "-o", tmp_path / name, *clips.KNOWN], 1, "no film that is one file", "use .mp4, .mov or .mkv"
+        capsys, [source, "-o", tmp_path / name, *clips.KNOWN], 1, "no video that is one file", "use .mp4, .mov or .mkv"
     )
     assert sorted(tmp_path.iterdir()) == before
-    assert (tmp_path / "chunk-stream0-00001.m4s").read_bytes() == b"of another film"
+    assert (tmp_path / "chunk-stream0-00001.m4s").read_bytes() == b"of another video"

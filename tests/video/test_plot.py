@@ -36,7 +36,7 @@ def test_a_plot_is_a_picture(clip, tmp_path, capsys):
 
 def test_it_shows_how_the_camera_turned(clip, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(outcome, "plot_turns", lambda *values: drawn.append(values))
+    monkeypatch.setattr(outcome, "plot_rotation_rates", lambda *values: drawn.append(values))
     assert run(clip, tmp_path, tmp_path / "turns.svg") == 0
     ((times, rates, cuts, *_),) = drawn
     assert times == pytest.approx(np.arange(FRAMES) / 30, abs=1e-3) and cuts == []

@@ -18,7 +18,7 @@ from unshutter.video import camera, cameras
 from unshutter.video.camera import find_camera
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.readout_regression import Estimate, Regression
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
@@ -65,7 +65,9 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
     monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
     path = clips.write(tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1")
-    time = find_camera(ClipRequest.of(look(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))[0].readout
+    time = find_camera(ClipRequest.of(read_clip_facts(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))[
+        0
+    ].readout_time
     assert time.source is ReadoutSource.USUAL and time.instead_of.code is Code.READOUT_TIME_UNKNOWN
     if wobbles:
         assert time.declined is None

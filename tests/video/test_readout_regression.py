@@ -7,11 +7,11 @@ from support import clips
 from support.hand_held import hand
 from unshutter.frames.tracks import Tracks
 from unshutter.options.clip_options import RectifyClip
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import Code
 from unshutter.video.camera import find_camera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.readout_regression import PairMotion, regression, runs_of, spline_slopes
 
 HEIGHT, WIDTH, PAIRS = 360, 640, 70
@@ -83,18 +83,20 @@ def test_slopes_of_a_spline_are_exact_for_cubics():
     assert spline_slopes(times, values) == pytest.approx(np.stack([3 * times**2 - 2, -2 * times], axis=1))
 
 
-@pytest.mark.parametrize(("upside_down", "readout"), [(False, Readout.TOP_TO_BOTTOM), (True, Readout.BOTTOM_TO_TOP)])
+@pytest.mark.parametrize(
+    ("upside_down", "readout"), [(False, ScanDirection.TOP_TO_BOTTOM), (True, ScanDirection.BOTTOM_TO_TOP)]
+)
 def test_a_clip_shows_its_readout_time_and_direction(tmp_path, upside_down, readout):
     greys = clips.moving(60, hand(4, seconds=6.0), ratio=0.6)[1]
     greys = [np.ascontiguousarray(np.rot90(grey, 2)) for grey in greys] if upside_down else greys
-    clip = look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     camera, _ = find_camera(ClipRequest.of(clip, RectifyClip()))
-    assert (camera.direction or Readout.TOP_TO_BOTTOM) == readout
-    assert camera.readout.seconds / clip.interval_s == pytest.approx(0.6, rel=0.1)
+    assert (camera.direction or ScanDirection.TOP_TO_BOTTOM) == readout
+    assert camera.readout_time.seconds / clip.interval_s == pytest.approx(0.6, rel=0.1)
 
 
 def test_a_global_shutter_is_reported(tmp_path):
     greys = clips.truth(clips.moving(60, hand(4, seconds=6.0), ratio=0.6)[0])
-    clip = look(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     camera, _ = find_camera(ClipRequest.of(clip, RectifyClip()))
-    assert camera.readout.declined is not None and camera.readout.declined.code is Code.READ_AT_ONCE
+    assert camera.readout_time.declined is not None and camera.readout_time.declined.code is Code.READ_AT_ONCE

@@ -9,13 +9,13 @@ import pytest
 from support import clips
 from support.gpmf import entry, with_samples
 from unshutter.video.camera_tags import CameraTags
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.mp4 import Movie
 
 
 def readout_tag(path):
     with open(path, "rb") as stream:
-        return CameraTags.of(Movie.read(stream)).readout
+        return CameraTags.of(Movie.read(stream)).readout_time
 
 
 def with_srot(ms, kind=b"f", pack=">f"):
@@ -56,7 +56,7 @@ def test_what_cannot_be_a_readout_time_is_none(tmp_path, kind, data):
 
 
 def test_a_file_of_another_kind_has_none(tmp_path):
-    assert look(clips.write(tmp_path / "a.mkv", clips.standing())).camera == CameraTags()
+    assert read_clip_facts(clips.write(tmp_path / "a.mkv", clips.standing())).camera == CameraTags()
 
 
 @pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool writes Apple's key")

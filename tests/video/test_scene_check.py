@@ -12,7 +12,7 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.clip_motion import MovingFrame, with_motion
 from unshutter.video.scene_check import SceneCheck
 
@@ -26,7 +26,7 @@ def edited(tmp_path_factory) -> ClipRequest:
     first = clips.moving(CUT)[1]
     second = [255 - grey for grey in clips.moving(LATER, ratio=0.0)[1]]
     path = clips.write(tmp_path_factory.mktemp("edited") / "edited.mkv", [*first, *second, *first], "ffv1")
-    return ClipRequest.of(look(path), RectifyClip())
+    return ClipRequest.of(read_clip_facts(path), RectifyClip())
 
 
 def moved(request: ClipRequest, source: ReadoutSource) -> list[MovingFrame]:

@@ -1,4 +1,4 @@
-"""How large new films become, and how many frames wait between the steps of a large clip."""
+"""How large new videos become, and how many frames wait between the steps of a large clip."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from unshutter.readout_time import ReadoutTime
 from unshutter.video import rendering as steps
 from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.encoders import Encoder
 from unshutter.video.plan import Undo
 from unshutter.video.rendering import Rendering
@@ -31,13 +31,13 @@ def new_size(path, *flags):
 
 
 @pytest.mark.parametrize(("rate", "ending"), covering(["150k", "3M"], [".mp4", ".mkv"]))
-def test_a_film_takes_as_many_bits_as_the_clip(tmp_path, greys, rate, ending, capsys):
+def test_a_video_takes_as_many_bits_as_the_clip(tmp_path, greys, rate, ending, capsys):
     clip = clips.write(tmp_path / f"in{ending}", greys, options={"b": rate, "preset": "veryfast"})
     assert 0.7 < new_size(clip) < 1.4
     assert "bits a second" not in capsys.readouterr().err
 
 
-def test_a_film_that_becomes_much_larger_or_smaller_is_announced(tmp_path, greys, capsys):
+def test_a_video_that_becomes_much_larger_or_smaller_is_announced(tmp_path, greys, capsys):
     clip = clips.write(tmp_path / "in.mp4", greys, options={"b": "400k", "preset": "veryfast"})
     times = new_size(clip, "--crf", "5")
     lines = capsys.readouterr().err.splitlines()
@@ -50,14 +50,14 @@ def test_a_film_that_becomes_much_larger_or_smaller_is_announced(tmp_path, greys
 
 @pytest.mark.parametrize("encode", [Encode(crf=20), Encode(codec="libx265")])
 def test_a_quality_or_another_codec_is_followed_instead(tmp_path, greys, encode):
-    clip = look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     encoder = Encoder.choose(clip, encode)
     assert encoder.bits_per_s is None and encoder.options["crf"] == "20"
     assert Encoder.choose(clip, Encode()).bits_per_s and "crf" not in Encoder.choose(clip, Encode()).options
 
 
 def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatch):
-    small = look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    small = read_clip_facts(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     large = replace(small, height=2160, width=3840)
     assert large.frame_bytes == 2160 * 3840 * 1.5
     bounds = []
@@ -69,7 +69,7 @@ def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatc
 
 
 def test_large_frames_are_looked_ahead_of_less(tmp_path, greys):
-    small = look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    small = read_clip_facts(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     large = replace(small, height=2160, width=3840)
     assert "rc-lookahead" not in Encoder.choose(small, Encode()).options
     assert Encoder.choose(large, Encode()).options["rc-lookahead"] == "4"

@@ -11,7 +11,7 @@ from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import look
+from unshutter.video.clip_facts import read_clip_facts
 from unshutter.video.clip_motion import grey_copies
 from unshutter.video.clip_rectification import rectify_clip_file
 
@@ -45,7 +45,7 @@ def test_the_time_since_a_frame_before_missing_ones_counts(tmp_path):
     times = [0, 1, 2, 4, 5]
     greys = [clips.moving(6)[1][k] for k in times]
     path = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray", times=[k / 30 for k in times])
-    clip = look(path)
+    clip = read_clip_facts(path)
     copies = list(grey_copies(ClipRequest.of(clip, RectifyClip()), clip.frames_between()))
     assert [copy.after for copy in copies[1:]] == pytest.approx([1, 1, 2, 1], abs=0.02)
 

@@ -1,4 +1,4 @@
-"""Evaluations of pairs and of the frames of a film."""
+"""Evaluations of pairs and of the frames of a video."""
 
 from pathlib import Path
 

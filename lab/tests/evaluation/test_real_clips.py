@@ -22,7 +22,7 @@ FRAMES = 32
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a clip of a rolling shutter, the same of a global one, and a list that knows one of them."""
-    folder = tmp_path_factory.mktemp("films")
+    folder = tmp_path_factory.mktemp("videos")
     camera = TurningCamera(shaken(), 0.05, FRAMES, FPS, RATIO, 2 * HEIGHT, 2 * WIDTH, 2 * FOCAL)
     scene = np.repeat(np.repeat(wall(), 2, axis=0), 2, axis=1)
     for name, is_global in (("a_rolling", False), ("b_global", True)):
@@ -72,7 +72,7 @@ def record(clip: str, name: str, rms: float, **more: object) -> Record:
         "usual_input": 2.0,
         "largest_input": 3.0,
     }
-    place = {"suite": "first 5 s", "group": "films", "photo": clip, "draw": 0, "estimator": name}
+    place = {"suite": "first 5 s", "group": "videos", "photo": clip, "draw": 0, "estimator": name}
     figures = {"sharpness": 0.9, "worse": float(rms > 1.05), "ratio": 0.5, "ratio_t": 12.0, "explained": 0.8}
     return place | steps | figures | more
 
@@ -82,7 +82,7 @@ def test_the_page_says_what_got_worse_and_what_was_copied() -> None:
     none = found | {"straightened": 0.0, "readout_ms": None, "readout_error_ms": None, "left": "it hardly moved"}
     records = [record("a", "none", 1.0), record("a", "unshutter", 2.0, **found), record("a", "deshake", 1.5)]
     records += [record("b", "none", 1.0), record("b", "unshutter", 0.25, **none), record("b", "deshake", 0.5)]
-    results = Results(Request("real-clips", (Path("films"),)), ["none", "unshutter", "deshake"], [], records)
+    results = Results(Request("real-clips", (Path("videos"),)), ["none", "unshutter", "deshake"], [], records)
     page = real_clip_tables(results)
     own = "| 1.00, 2.00 | 2.00, 4.00 | 3.00, 6.00 | 0.90 |"
     assert f"| a | 0.500 (12) | 16.0 ± 0.5 {own} **worse**, 20 of 40 frames straightened |" in page
@@ -97,9 +97,9 @@ def test_the_page_says_what_got_worse_and_what_was_copied() -> None:
     [
         ("missing", "none", "there is no folder missing"),
         ("empty", "none", "no clips in folder empty"),
-        ("films", "segment-manhattan", "'segment-manhattan' is not compared by this protocol: choose from none,"),
-        ("films", "none,vid.stab", "vid.stab needs FFmpeg's program ffmpeg"),
-        ("films", "none", "films/a.mp4: cannot be read as a clip"),
+        ("videos", "segment-manhattan", "'segment-manhattan' is not compared by this protocol: choose from none,"),
+        ("videos", "none,vid.stab", "vid.stab needs FFmpeg's program ffmpeg"),
+        ("videos", "none", "videos/a.mp4: cannot be read as a clip"),
     ],
 )
 def test_mistakes_get_one_line(
@@ -113,8 +113,8 @@ def test_mistakes_get_one_line(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", str(tmp_path))  # without FFmpeg
     Path("empty").mkdir()
-    Path("films").mkdir()
-    Path("films/a.mp4").write_bytes(b"no film")
+    Path("videos").mkdir()
+    Path("videos/a.mp4").write_bytes(b"no video")
     assert run(Path(folder), tmp_path / "out", "--protocol", "real-clips", estimators=estimators) in (1, 2)
     assert says in capsys.readouterr().err
 

@@ -106,14 +106,14 @@ def test_the_estimator_scales_to_the_photo(exported):
 @pytest.mark.parametrize("shape", [(300, 200), (70, 90, 4), (64, 64, 1)])
 def test_the_estimator_takes_any_photo(exported, shape):
     from unshutter.options import Camera
-    from unshutter.orientation import Readout
+    from unshutter.orientation import ScanDirection
     from unshutter.photo import Photo
     from unshutter.single.estimator import View
     from unshutter.single.register import load
 
     photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
     found = load(f"kandula2020-research@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
-    assert (found.height, found.width) == (shape[1], shape[0]) and found.readout == Readout.LEFT_TO_RIGHT
+    assert (found.height, found.width) == (shape[1], shape[0]) and found.scan_direction == ScanDirection.LEFT_TO_RIGHT
 
 
 def test_weights_of_ones_own(exported, tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError
+from unshutter import Motion, RowMotion, ScanDirection, UnshutterError, UsageError
 from unshutter.motion.warp import rectify_pixels
 from unshutter_lab.methods.row_map import RowMapMotion, gs_to_rs_by_row_map
 
@@ -57,14 +57,18 @@ def test_it_is_a_value_that_survives_pickling() -> None:
 @pytest.mark.parametrize("reference", ["first", "middle", "last"])
 def test_another_reference_sees_the_same_scene_from_another_pose(reference) -> None:
     """What stood at p in the first row's picture stands at R p + t in the other's: both look at one RS position."""
-    first = motion(readout=Readout.LEFT_TO_RIGHT)
+    first = motion(scan_direction=ScanDirection.LEFT_TO_RIGHT)
     other = first.rereferenced(reference)
     tx, rz = first.tx_px[other.reference_row], first.rz_rad[other.reference_row]
     x, y = COL - 39.5, ROW - 29.5
     moved = x * np.cos(rz) - y * np.sin(rz) + tx + 39.5, x * np.sin(rz) + y * np.cos(rz) + 29.5
     np.testing.assert_allclose(other.gs_to_rs(*moved), first.gs_to_rs(COL, ROW), atol=1e-9)
     np.testing.assert_allclose(other.rereferenced("first").gs_to_rs(COL, ROW), first.gs_to_rs(COL, ROW), atol=1e-9)
-    assert (other.reference, other.readout, other.tx_px[other.reference_row]) == (reference, first.readout, 0)
+    assert (other.reference, other.scan_direction, other.tx_px[other.reference_row]) == (
+        reference,
+        first.scan_direction,
+        0,
+    )
 
 
 def test_it_is_resized_exactly() -> None:

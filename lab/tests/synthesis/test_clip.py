@@ -1,4 +1,4 @@
-"""``unshutter synthesize --video``: both films, and what is told where they cannot be."""
+"""``unshutter synthesize --video``: both videos, and what is told where they cannot be."""
 
 import cv2
 import numpy as np

@@ -158,11 +158,11 @@ def command_for_file(name: str) -> str:
     """Returns the command for a first word that is a file, ``rectify`` or ``video``; empty if it is not one."""
     if name.startswith("-") or name in (*COMMANDS, "help"):
         return ""
-    from unshutter.frames.pyav import FILM_FORMATS  # imported here: most first words are commands
+    from unshutter.frames.pyav import VIDEO_FORMATS  # imported here: most first words are commands
     from unshutter.run.inputs import PHOTO_SUFFIXES
 
     suffix = PurePath(name).suffix.lower()
-    if suffix in FILM_FORMATS:
+    if suffix in VIDEO_FORMATS:
         return "video"
     return "rectify" if suffix in PHOTO_SUFFIXES or os.path.exists(name) else ""
 

@@ -16,7 +16,7 @@ from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyCl
 from unshutter.options.fields import positional
 from unshutter.progress import ClipObserver, ShareBar, tell
 from unshutter.reasons import Code
-from unshutter.run.inputs import PHOTO_SUFFIXES, film_name
+from unshutter.run.inputs import PHOTO_SUFFIXES, video_name
 
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class Video:
     """Arguments of ``unshutter video``."""
 
-    clip: str = positional("A film (.mp4, .mov, .mkv ...); - is standard input.", "input", pipe=True)
+    clip: str = positional("A video (.mp4, .mov, .mkv ...); - is standard input.", "input", pipe=True)
     output: str | None = option(
         None,
         "File or folder to write; - is standard output, as Matroska. Default: NAME.rectified.EXT next to the clip.",
@@ -53,16 +53,16 @@ def _video(arguments: Video) -> int:
         if not pipes.is_written:
             _report(_rectify(arguments), arguments.options.preview)
             return 0
-        film = pipes.name_film(Path(arguments.clip))
+        video = pipes.name_video(Path(arguments.clip))
         options = arguments.options
         passes_on = options.may_be_copy and not options.only_changed  # a clip that does not change, byte for byte
         if passes_on:
             options = replace(options, only_changed=True)
-        outcome = _rectify(replace(arguments, output=str(film), options=options))
+        outcome = _rectify(replace(arguments, output=str(video), options=options))
         if not outcome.written:
-            film = Path(arguments.clip)
+            video = Path(arguments.clip)
         if outcome.written or passes_on:
-            pipes.send(film)
+            pipes.send(video)
         _report(replace(outcome, written=outcome.written or passes_on), options.preview if outcome.written else None)
     return 0
 
@@ -78,7 +78,7 @@ def _rectify(arguments: Video) -> ClipOutcome:
         clip = Path(arguments.clip)
         output = arguments.output
         if output is None or Path(output).is_dir():
-            output = str(Path(output or clip.parent) / film_name(clip))
+            output = str(Path(output or clip.parent) / video_name(clip))
         return rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bar, options.encode))
 
 
@@ -125,13 +125,13 @@ def _line_of(time: ReadoutTime) -> str:
 
 
 def _rate_line(before: float, after: float, encode: Encode) -> str:
-    """Compares the new film's size with the clip's, and names the option that changes it."""
+    """Compares the new video's size with the clip's, and names the option that changes it."""
     times = after / before
     size = f"{times:.1f} times as large as" if times > 1 else f"{1 / times:.1f} times smaller than"
     quality = encode.codec is None and encode.crf is not None
     advice = "without --crf it has as many" if quality else "--crf chooses its quality, and with it the size"
     return (
-        f"unshutter: the film will be about {size} the clip's: {after / 1e6:.1f} instead of {before / 1e6:.1f} "
+        f"unshutter: the video will be about {size} the clip's: {after / 1e6:.1f} instead of {before / 1e6:.1f} "
         f"million bits a second; {advice}"
     )
 
@@ -161,7 +161,9 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
         view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
         yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}{now}"
-    if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.readout.declined):
+    if outcome.gyro is not None and (
+        outcome.gyro.rotations is not None or outcome.gyro.reason != outcome.readout_time.declined
+    ):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
         yield f"unshutter: not kept, because it cannot be written into such a file: {', '.join(outcome.left_out)}"
@@ -173,7 +175,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
 
 def _ways_to_straighten(outcome: ClipOutcome) -> Iterator[str]:
     """Yields what the user can do about a clip that was left unchanged."""
-    declined = outcome.readout.declined
+    declined = outcome.readout_time.declined
     if declined is not None and declined.code is Code.GYRO_DISAGREES:
         yield "unshutter: if the gyro log is not this clip's: --gyro off"
     if declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
@@ -218,10 +220,10 @@ def _gyro_line(gyro: ClipGyro) -> str:
     if gyro.reason is not None and gyro.reason.code is Code.GYRO_UNREAD:
         needed = f"reading it takes Python 3.11 or 3.12 and {extra('gyro')}"
         return f"unshutter: the clip may have a gyro log (track {gyro.origin}): {needed}"
-    if gyro.reason is not None or gyro.turns is None:
+    if gyro.reason is not None or gyro.rotations is None:
         return f"unshutter: gyro log ({gyro.origin}) not used: {gyro.reason}"
-    alignment = gyro.turns.alignment
-    focal = f"focal length {gyro.turns.focal_px(1):.2f} times the frame's height"
+    alignment = gyro.rotations.alignment
+    focal = f"focal length {gyro.rotations.focal_px(1):.2f} times the frame's height"
     return (
         f"unshutter: gyro log ({gyro.origin}) used: its clock is {alignment.offset_s:+.3f} s from the clip's, {focal}"
     )
@@ -236,7 +238,7 @@ timestamps are kept. Needs the extra `video`.""",
     _video,
     when_stopped="no half-written file is left",
     essentials={
-        "clip": "a film; -: stdin",
+        "clip": "a video; -: stdin",
         "output": "a file or folder; -: stdout",
         "readout_ms": "readout time of a frame, if you know it",
         "camera": "take its readout time (unshutter cameras lists them)",
@@ -246,7 +248,7 @@ timestamps are kept. Needs the extra `video`.""",
         "stabilize": "also smooth the camera's path",
         "start": "from this second",
         "end": "up to this second",
-        "preview": "before and after: a picture, or a short film (.mp4)",
+        "preview": "before and after: a picture, or a short video (.mp4)",
         "overwrite": "replace an existing result",
     },
 )
@@ -259,7 +261,7 @@ timestamps are kept. Needs the extra `video`.""",
 class Measure:
     """Arguments of ``unshutter measure``."""
 
-    clip: list[str] = positional("Films (.mp4, .mov, .mkv ...).", "input")
+    clip: list[str] = positional("Videos (.mp4, .mov, .mkv ...).", "input")
     json: bool = option(False, "Print JSON: a list with an object for each clip.")
     options: MeasureClips = field(default_factory=MeasureClips)
 
@@ -284,7 +286,7 @@ def _measured_lines(measurement: ClipMeasurement) -> Iterator[str]:
     """Yields what a measurement says, for people."""
     names = measurement.clips
     name = names[0] if len(names) == 1 else f"all {len(names)} clips"
-    time = measurement.readout
+    time = measurement.readout_time
     size = f"{measurement.width}x{measurement.height} px, {1 / measurement.interval_s:.2f} frames/s"
     if time is None:
         what = "no rolling shutter" if measurement.is_global else "readout time unknown"

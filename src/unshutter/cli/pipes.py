@@ -15,10 +15,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from unshutter.errors import UnshutterError, UsageError, standing_for
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.photo.decoder import recognise
 from unshutter.photo.libvips import Source
-from unshutter.run.inputs import film_name, picture_name, unchanged_name
+from unshutter.run.inputs import picture_name, unchanged_name, video_name
 from unshutter.storage.locations import Place
 
 PIPE = "-"
@@ -85,12 +85,12 @@ class Pipes:
         for name in (picture_name(source, format, keep), unchanged_name(source, format, keep)):
             self._names[str(self.results / name)] = _OUTPUT
 
-    def name_film(self, source: Path) -> Path:
-        """Returns the file for the film that goes out, in a format that can be read from a pipe."""
+    def name_video(self, source: Path) -> Path:
+        """Returns the file for the video that goes out, in a format that can be read from a pipe."""
         self.results.mkdir()
-        film = (self.results / film_name(source)).with_suffix(".mkv")
-        self._names[str(film)] = _OUTPUT
-        return film
+        video = (self.results / video_name(source)).with_suffix(".mkv")
+        self._names[str(video)] = _OUTPUT
+        return video
 
     def send(self, file: Path | None = None) -> None:
         """Writes a file to standard output, by default the one that came of a photo, if there is one."""
@@ -150,7 +150,7 @@ def _check_not_appended(source: Path) -> None:
 
 
 def _ending_of_clip(clip: Path, output: str) -> str:
-    """Returns an ending of a film's name that fits its contents, that of the output if it does; empty if unknown."""
+    """Returns an ending of a video's name that fits its contents, that of the output if it does; empty if unknown."""
     from unshutter.frames.pyav import av, open_to_read
 
     try:
@@ -159,6 +159,6 @@ def _ending_of_clip(clip: Path, output: str) -> str:
     except (ValueError, av().error.FFmpegError):
         return ""
     wanted = Path(output).suffix.lower()
-    if FILM_FORMATS.get(wanted) in kinds:
+    if VIDEO_FORMATS.get(wanted) in kinds:
         return wanted
-    return next((ending for ending, kind in FILM_FORMATS.items() if kind in kinds), "")
+    return next((ending for ending, kind in VIDEO_FORMATS.items() if kind in kinds), "")

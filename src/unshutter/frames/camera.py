@@ -40,7 +40,7 @@ _FINEST = 0.02  # px; lower limit of the tracks' noise
 
 
 @dataclass(frozen=True, eq=False)
-class TurnEquations:
+class RotationEquations:
     """For each track: moved = jacobian @ (spline @ coefficients).
 
     The product of both factors is six times as large as the two together, and is never formed.
@@ -53,8 +53,8 @@ class TurnEquations:
 
     def squared(self, coefficients: Float64[np.ndarray, "pairs local unknowns"]) -> Float64[np.ndarray, "pairs most"]:
         """Squared distance of each track's end from its predicted position [px^2]."""
-        turned = self.spline @ coefficients
-        left = self.moved - (self.jacobian @ turned[..., None])[..., 0]
+        rotated = self.spline @ coefficients
+        left = self.moved - (self.jacobian @ rotated[..., None])[..., 0]
         return (left**2).sum(axis=-1)
 
     def normal(
@@ -168,12 +168,12 @@ class Fit:
         steps = np.arange(1, knots - len(known) + 1)[:, None]
         return np.concatenate([known, known[-1] + steps * (known[-1] - known[-2])])
 
-    def turn(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
+    def rotation(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
         """T [rad] at times [frame intervals since the first frame's first row]; constant beyond the ends."""
         last = (len(self.coefficients) - 3) / PER_FRAME
         inside = np.clip(at, 0.0, last)
-        turn = basis(inside * PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
-        return turn / self.focal_px
+        rotation = basis(inside * PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
+        return rotation / self.focal_px
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,13 +223,13 @@ class Problem:
     def _jacobian(self) -> np.ndarray:
         """[pairs, most, 2, 4] displacement of each track for a rotation of 1 / focal length."""
         first = self.pairs[0]
-        return turn_jacobian(self._ends.mean(axis=0), first.width * self._unit, self.focal_px, first.lens)
+        return rotation_jacobian(self._ends.mean(axis=0), first.width * self._unit, self.focal_px, first.lens)
 
-    def _equations(self, ratio: float) -> TurnEquations:
+    def _equations(self, ratio: float) -> RotationEquations:
         since = self._taken - np.floor(self._taken[:, :1])
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
         spline = basis(np.minimum(times, self._local / PER_FRAME - 0.76) * PER_FRAME, self._local)
-        return TurnEquations(spline[1] - spline[0], self._jacobian, self._moved)
+        return RotationEquations(spline[1] - spline[0], self._jacobian, self._moved)
 
     @cached_property
     def _shapes(self) -> PairShapes:
@@ -293,7 +293,7 @@ class Problem:
                 return highest
             at = _STIFFNESS.index(highest.stiffness)
 
-    def _solved(self, equations: TurnEquations, stiffness: float, near: Fit | None) -> Fit:
+    def _solved(self, equations: RotationEquations, stiffness: float, near: Fit | None) -> Fit:
         """Returns the most probable motion for one stiffness, by iteratively reweighted least squares."""
         weights = self._used.astype(np.float64)
         noise = np.nan
@@ -320,7 +320,7 @@ class Problem:
         self.count(len(self.pairs))
         return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
 
-    def _solution(self, equations: TurnEquations, weights: np.ndarray, matrix: np.ndarray) -> Solution:
+    def _solution(self, equations: RotationEquations, weights: np.ndarray, matrix: np.ndarray) -> Solution:
         """Solves the linear equations for given weights of the tracks; adds to the matrix, which holds the prior."""
         right = np.zeros(len(matrix))
         normal, moments = equations.normal(weights)
@@ -339,7 +339,7 @@ class Problem:
         unknowns, left = solve_banded(matrix, right[:, None], block)
         return Solution(unknowns[:, 0], left)
 
-    def _squared(self, equations: TurnEquations, unknowns: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
+    def _squared(self, equations: RotationEquations, unknowns: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
         """[pairs, most] squared distance of each track's end from its predicted position."""
         if shapes is not None:
             moved = np.einsum("pmcs,ps->pmc", self._shapes.displacement, shapes)
@@ -363,12 +363,12 @@ def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:
 def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
     """Returns the largest displacement of any row against its frame's middle row [px of ROWS rows]."""
     rows = np.linspace(0, 1, 9)
-    turns = fit.turn((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
-    reach = np.abs(turns - turns[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
+    rotations = fit.rotation((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
+    reach = np.abs(rotations - rotations[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
     return float(reach.max())
 
 
-def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
+def rotation_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
     """Returns the rotation [rad] between two frames that most tracks support, ignoring the readout time."""
     jacobian, moved = track_jacobian(tracks, focal_px)
     weights = np.ones(len(tracks))
@@ -390,7 +390,7 @@ def track_jacobian(
     unit = ROWS / tracks.height
     start = (tracks.start + 0.5) * unit
     end = (tracks.end + 0.5) * unit
-    return turn_jacobian((start + end) / 2, tracks.width * unit, focal_px, tracks.lens), end - start
+    return rotation_jacobian((start + end) / 2, tracks.width * unit, focal_px, tracks.lens), end - start
 
 
 def padded_ends(
@@ -404,7 +404,7 @@ def padded_ends(
     return ends + 0.5, np.array([np.arange(most) < len(pair) for pair in pairs])
 
 
-def turn_jacobian(
+def rotation_jacobian(
     at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float, lens: Lens | None = None
 ) -> Float64[np.ndarray, "*points 2 4"]:
     """Returns the displacement of points for a rotation of 1 / focal length about each axis, and for scale.

@@ -1,4 +1,4 @@
-"""Finds the motion of one photo: by the film inside it, otherwise by an estimator."""
+"""Finds the motion of one photo: by the video inside it, otherwise by an estimator."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unshutter.single.prospects import MOST_IN_FOLDER
 from unshutter.single.register import load, method
 
 if TYPE_CHECKING:
-    from unshutter.frames.motion_photo import FilmEvidence
+    from unshutter.frames.motion_photo import VideoEvidence
 
 
 def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bool = False) -> Finding:
@@ -35,26 +35,26 @@ def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bo
     """
     check_size(photo.height, photo.width)
     photo.start_decoding(grey_px=method(how.estimator).grey_px if estimator is None else None, whole=pixels)
-    view = View(photo, how.camera, odds=how.odds)
-    most = MOST_IN_FOLDER if how.odds.folder else MOST_STATED
+    view = View(photo, how.camera, decision=how.decision)
+    most = MOST_IN_FOLDER if how.decision.folder else MOST_STATED
     found = _list_candidates(view, estimator or load(how.estimator), how)
     candidates = tuple(each.rereferenced("first").as_stated(most) for each in found)
     return replace(candidates[0].finding, candidates=candidates)
 
 
 def _list_candidates(view: View, estimator: Estimator, how: Find) -> tuple[Candidate, ...]:
-    evidence = None if how.no_film else _film_evidence(view, estimator)
+    evidence = None if how.no_film else _embedded_video_evidence(view, estimator)
     if evidence is not None and evidence.finding is not None:
         return list_single(view.noted(evidence.finding), view.photo.orientation)
     unused = None if evidence is None else evidence.reason
     found = find_candidates(estimator, view, how.insists)
-    return tuple(replace(each, finding=replace(each.finding, film=unused)) for each in found)
+    return tuple(replace(each, finding=replace(each.finding, video_unused=unused)) for each in found)
 
 
-def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:
-    """Returns the evidence from the film inside a photo; None if there is none."""
-    if isinstance(estimator, DoNothing) or view.photo.film() is None:
+def _embedded_video_evidence(view: View, estimator: Estimator) -> VideoEvidence | None:
+    """Returns the evidence from the video inside a photo; None if there is none."""
+    if isinstance(estimator, DoNothing) or view.photo.embedded_video() is None:
         return None
-    from unshutter.frames.motion_photo import film_motion  # imported here because few photos have a film
+    from unshutter.frames.motion_photo import motion_by_embedded_video  # imported here because few photos have a video
 
-    return film_motion(view)
+    return motion_by_embedded_video(view)

@@ -38,7 +38,7 @@ _CORNERS = 600
 _QUALITY, _DISTANCE = 0.005, 5  # of corners: share of the best one's strength; px between them
 _WINDOW, _LEVELS = (15, 15), 4  # of Lucas-Kanade tracking
 _MOST_ROUND_TRIP = 0.5  # px: forward-backward error of a tracked corner
-_FEWEST = 12
+_MIN_TRACKS = 12
 _INLIER = 1.0  # px
 _SEED = 0
 
@@ -134,15 +134,15 @@ def plane_between(
     """
     height, width = first.shape
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, _QUALITY, _DISTANCE)
-    if corners is None or len(corners) < _FEWEST:
+    if corners is None or len(corners) < _MIN_TRACKS:
         return np.eye(3)
     starts = [np.zeros(2, np.float32), _shift(first, second)]
     begin, end = max((_tracked(first, second, corners, start) for start in starts), key=lambda ends: len(ends[0]))
-    if len(begin) < _FEWEST:
+    if len(begin) < _MIN_TRACKS:
         return np.eye(3)
     cv2.setRNGSeed(_SEED)
     homography, inliers = cv2.findHomography(begin, end, cv2.USAC_MAGSAC, _INLIER, maxIters=2000, confidence=0.999)
-    if homography is None or inliers.sum() < _FEWEST or not _is_sound(homography, height, width):
+    if homography is None or inliers.sum() < _MIN_TRACKS or not _is_sound(homography, height, width):
         return np.eye(3)
     return homography
 
@@ -178,9 +178,9 @@ def _is_sound(plane: np.ndarray, height: int, width: int) -> bool:
     outline = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], np.float64)
     ends = cv2.perspectiveTransform(outline, plane)[0]
     sides = np.roll(ends, -1, axis=0) - ends
-    turns = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
+    rotations = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
     far = np.abs(ends - outline[0]).max(axis=0)
-    return bool((turns > 0.25 * width * height).all() and (far < [width, height]).all())
+    return bool((rotations > 0.25 * width * height).all() and (far < [width, height]).all())
 
 
 _ROUNDS = 4  # of the fixed-point iteration

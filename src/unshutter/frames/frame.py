@@ -11,7 +11,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.neighbours import Link, copy_side, link
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 from unshutter.photo.photo import PhotoLike, check_size, open_photo
 from unshutter.storage.opened import Opened
@@ -20,9 +20,11 @@ from unshutter.storage.opened import Opened
 class Frame:
     """A photo of a sequence, and the flow to the next one."""
 
-    def __init__(self, source: PhotoLike, readout: Readout, inputs: Sequence[Opened] | None = None) -> None:
+    def __init__(
+        self, source: PhotoLike, scan_direction: ScanDirection, inputs: Sequence[Opened] | None = None
+    ) -> None:
         photo = open_photo(source)
-        self.photo, self._readout = photo if inputs is None else replace(photo, made_from=inputs), readout
+        self.photo, self._scan_direction = photo if inputs is None else replace(photo, made_from=inputs), scan_direction
         self.to_next: Link | None = None
         check_size(*self._size, "{photo}", photo=self.name)
 
@@ -34,12 +36,12 @@ class Frame:
     @property
     def pixels(self) -> np.ndarray:
         """Pixels [H, W, bands] in the readout frame."""
-        return np.ascontiguousarray(self._readout.turn(self.photo.pixels))
+        return np.ascontiguousarray(self._scan_direction.to_scan_frame(self.photo.pixels))
 
     @cached_property
     def _tracked(self) -> np.ndarray:
         """The grey copy [h, w] in which corners are tracked."""
-        return np.ascontiguousarray(self._readout.turn(self.photo.grey(TRACKED_SIDE)))
+        return np.ascontiguousarray(self._scan_direction.to_scan_frame(self.photo.grey(TRACKED_SIDE)))
 
     def check_like(self, following: Frame) -> None:
         """Raises UnshutterError if the next frame has another size or number of bands."""
@@ -74,7 +76,7 @@ class Frame:
     @cached_property
     def _copy(self) -> np.ndarray:
         """The small grey copy [h, w] in which motion is estimated."""
-        return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
+        return np.ascontiguousarray(self._scan_direction.to_scan_frame(self.photo.grey(copy_side(*self._size))))
 
 
 def name_of(photo: Photo) -> str:

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.camera import ROWS, Fit, turn_between, turn_jacobian
+from unshutter.frames.camera import ROWS, Fit, rotation_between, rotation_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import RotationMotion, RowMotion
@@ -23,10 +23,10 @@ from unshutter.motion.motion import row_index
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import Code, MotionSource, Reason
 
-SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}
+READOUT_FRACTION = {"first": 0.0, "middle": 0.5, "last": 1.0}
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Timing:
 
     def moment(self, reference: Reference, frame: float = 0) -> float:
         """Returns the time of a frame's first, middle or last row."""
-        return frame + self.readout_ratio * SHARES[reference]
+        return frame + self.readout_ratio * READOUT_FRACTION[reference]
 
     def of_copy(self, height: int) -> Timing:
         """Returns the clock of a copy of the frames with this number of rows."""
@@ -73,7 +73,7 @@ AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
 _LEAST_TRACKS = 12  # fewest for the camera's rotation
 
 
-class KnownTurns(Protocol):
+class KnownRotations(Protocol):
     """The camera's rotation known from a source other than the frames: a gyro. Times are on the clip's clock."""
 
     def within_frame(self, begin_s: float, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
@@ -93,7 +93,7 @@ class KnownTurns(Protocol):
 class Step:
     """The camera's rotation from one frame to the next, between their middle rows."""
 
-    turn: Float64[np.ndarray, "3"]  # [3] rotation vector [rad] (motion/rotations.py)
+    rotation: Float64[np.ndarray, "3"]  # [3] rotation vector [rad] (motion/rotations.py)
     focal_heights: float  # focal length used, in heights of the readout frame; NaN if the camera stood still
 
 
@@ -103,7 +103,7 @@ class FrameMotion:
 
     height: int
     width: int
-    readout: Readout  # direction in which its stored pixels were read
+    scan_direction: ScanDirection  # direction in which its stored pixels were read
     fit: Fit | None = None  # the camera's motion around that time; None if unknown
     at: float = 0.0  # time of the frame in that fit [frame intervals]
     ratio: float = 0.0  # readout time in frame intervals
@@ -111,7 +111,7 @@ class FrameMotion:
     shot: int = 0  # number of its shot, a series of frames connected by motion
     scene: int = 0  # number of the scene that it shows
     # the camera's rotation measured by a gyro, if available; ``fit`` is then the remaining rotation
-    turns: KnownTurns | None = None
+    rotations: KnownRotations | None = None
     time_s: float = 0.0  # time of the frame on the clip's clock [s]
     after: float = 1.0  # time since the previous frame [frame intervals]; 0 for a copy of it
     tracks: Tracks | None = None  # from the previous frame, if the whole path is requested; otherwise None
@@ -133,16 +133,16 @@ class FrameMotion:
         if self.fit is None or self.reason is not None:
             return self._none(self.reason)
         rows = (np.arange(self.height) + 0.5) / self.height
-        turn = self.fit.turn(self.at + self.ratio * rows)
-        rotations = turn - turn[0]
-        if self.turns is not None:  # within a frame, both are small enough to be added
-            rotations = rotations + self.turns.within_frame(self.time_s, rows)
+        rotation = self.fit.rotation(self.at + self.ratio * rows)
+        rotations = rotation - rotation[0]
+        if self.rotations is not None:  # within a frame, both are small enough to be added
+            rotations = rotations + self.rotations.within_frame(self.time_s, rows)
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
             return self._none(Reason(Code.HARDLY_MOVED))
         focal = self.fit.focal_px * self.height / ROWS
         try:
-            motion = RotationMotion(self.width, rotations, focal, self.lens, readout=self.readout)
+            motion = RotationMotion(self.width, rotations, focal, self.lens, scan_direction=self.scan_direction)
             motion.check_unfolded()
         except UnshutterError as error:
             return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
@@ -160,16 +160,18 @@ class FrameMotion:
         assert self.fit is not None
         rows = (np.arange(self.height) + 0.5) / self.height
         interval = self.after or 1.0 if neighbour < 0 else 1.0
-        first, moment = self.turn(self.ratio * rows[[0, row_index(reference, self.height)]])
-        turn = rotation_matrix(self.turn(neighbour * interval + self.ratio * rows) - first)
-        rotations = rotation_vector(turn @ rotation_matrix(moment - first).T)
+        first, moment = self.rotation_between(self.ratio * rows[[0, row_index(reference, self.height)]])
+        rotation = rotation_matrix(self.rotation_between(neighbour * interval + self.ratio * rows) - first)
+        rotations = rotation_vector(rotation @ rotation_matrix(moment - first).T)
         focal = self.fit.focal_px * self.height / ROWS
-        return RotationMotion(self.width, rotations, focal, self.lens, readout=self.readout, reference=reference)
+        return RotationMotion(
+            self.width, rotations, focal, self.lens, scan_direction=self.scan_direction, reference=reference
+        )
 
-    def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
+    def rotation_between(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """Returns the camera's rotation [rad] at times after the frame's first row [frame intervals]; needs a fit."""
         assert self.fit is not None
-        return self.fit.turn(self.at + after)
+        return self.fit.rotation(self.at + after)
 
     def step_from(self, before: FrameMotion | None) -> Step | None:
         """Returns the camera's rotation since the previous frame, or None if it is unknown."""
@@ -178,30 +180,30 @@ class FrameMotion:
         joined = before.shot == self.shot
         if joined and self.after == 0:
             return Step(np.zeros(3), np.nan)
-        if self.turns is None and (not joined or self.fit is None):
+        if self.rotations is None and (not joined or self.fit is None):
             still = joined and self.reason is not None and self.reason.code in AT_REST
             return Step(np.zeros(3), np.nan) if still else self._step_of_pair()
         if self.fit is None:
             return None
-        turn = np.zeros(3)
+        rotation = np.zeros(3)
         if joined:
             at = self.at + self.ratio / 2
-            earlier, later = self.fit.turn(np.array([at - self.after, at]))
-            turn = later - earlier
-        if self.turns is None and self.tracks is not None and len(self.tracks) >= _LEAST_TRACKS:
-            turn = turn + turn_between(self._left_of(self.tracks, self.fit), self.fit.focal_px)
-        if self.turns is not None:
-            turn = turn + self.turns.from_frame(before.time_s, self.time_s, 0.5)
-        return Step(turn, self.fit.focal_px / ROWS)
+            earlier, later = self.fit.rotation(np.array([at - self.after, at]))
+            rotation = later - earlier
+        if self.rotations is None and self.tracks is not None and len(self.tracks) >= _LEAST_TRACKS:
+            rotation = rotation + rotation_between(self._left_of(self.tracks, self.fit), self.fit.focal_px)
+        if self.rotations is not None:
+            rotation = rotation + self.rotations.from_frame(before.time_s, self.time_s, 0.5)
+        return Step(rotation, self.fit.focal_px / ROWS)
 
     def _left_of(self, tracks: Tracks, fit: Fit) -> Tracks:
         """Returns the tracks from the previous frame minus the fit, which is smooth in time and may miss a jerk."""
         unit = ROWS / tracks.height
         begin, end = (np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end))
-        turned = fit.turn(self.at + self.ratio * end) - fit.turn(self.at - self.after + self.ratio * begin)
+        rotated = fit.rotation(self.at + self.ratio * end) - fit.rotation(self.at - self.after + self.ratio * begin)
         middles = ((tracks.start + tracks.end) / 2 + 0.5) * unit
-        jacobian = turn_jacobian(middles, tracks.width * unit, fit.focal_px, self.lens)[..., :3]
-        moved = np.einsum("nij,nj->ni", jacobian, turned * fit.focal_px) / unit
+        jacobian = rotation_jacobian(middles, tracks.width * unit, fit.focal_px, self.lens)[..., :3]
+        moved = np.einsum("nij,nj->ni", jacobian, rotated * fit.focal_px) / unit
         return replace(tracks, end=tracks.end - moved)
 
     def _step_of_pair(self) -> Step | None:
@@ -209,8 +211,8 @@ class FrameMotion:
         if self.tracks is None or len(self.tracks) < _LEAST_TRACKS:
             return None
         focal = self.focal or usual_focal(self.tracks)
-        return Step(turn_between(self.tracks, focal), focal / ROWS)
+        return Step(rotation_between(self.tracks, focal), focal / ROWS)
 
     def _none(self, reason: Reason | None) -> Finding:
-        motion = RowMotion.zero(self.height, self.width, readout=self.readout)
+        motion = RowMotion.zero(self.height, self.width, scan_direction=self.scan_direction)
         return Finding(motion, estimator=NAME, source=MotionSource.NEIGHBOURS, reason=reason)

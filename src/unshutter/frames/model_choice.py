@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.frames.camera import ROWS, turn_jacobian
+from unshutter.frames.camera import ROWS, rotation_jacobian
 from unshutter.frames.flow import Flow, bilinear
 from unshutter.frames.frame import Frame
 from unshutter.frames.frame_motion import FrameMotion
@@ -57,9 +57,9 @@ def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
     unit = ROWS / tracks.height
     ends = (np.stack([tracks.start, tracks.end]) + 0.5) * unit
     rows = np.clip(ends[..., 1] / ROWS, 0, 1)
-    turn = [camera.turn(first + k + camera.ratio * rows[k]) for k in (0, 1)]
-    J_turn = turn_jacobian(ends.mean(axis=0), tracks.width * unit, camera.fit.focal_px)[..., :3]
-    led = np.einsum("nij,nj->ni", J_turn, (turn[1] - turn[0]) * camera.fit.focal_px)
+    rotation = [camera.rotation_between(first + k + camera.ratio * rows[k]) for k in (0, 1)]
+    J_turn = rotation_jacobian(ends.mean(axis=0), tracks.width * unit, camera.fit.focal_px)[..., :3]
+    led = np.einsum("nij,nj->ni", J_turn, (rotation[1] - rotation[0]) * camera.fit.focal_px)
     return float(np.percentile(np.hypot(*(ends[1] - ends[0] - led).T), _SHARE))
 
 

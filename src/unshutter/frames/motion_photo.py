@@ -1,4 +1,4 @@
-"""Estimates a photo's motion, or that it had none, from the film inside the photo; stabilised films are rejected."""
+"""Estimates a photo's motion, or that it had none, from the video inside the photo; stabilised videos are rejected."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from unshutter.frames.self_calibration import fewer, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import probability_better
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, MotionSource, Reason
 from unshutter.single.estimator import View
@@ -29,61 +29,61 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
     from unshutter.motion.shapes import Float64, UInt8
-    from unshutter.photo.film import PhotoFilm
+    from unshutter.photo.embedded_video import EmbeddedVideo
 
 
 _IDENTIFIER = "com.apple.quicktime.content.identifier"
 _MOST_FRAMES = 120  # decoded at most
 _ABOUT_S = 1.2  # before and after the photo's time; frames farther away are ignored
-_LONG_S, _MOST_BEFORE = 10.0, 1000  # where a film is not decoded from its start; frames decoded in vain at most
+_LONG_S, _MOST_BEFORE = 10.0, 1000  # where a video is not decoded from its start; frames decoded in vain at most
 _KINDS = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's names of the file formats accepted
 _LARGEST_FRAME = 1 << 24  # px
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class DecodedVideo:
     """Frames around the time of a photo."""
 
     frames: list[UInt8[np.ndarray, "height width"]]  # grey copies of the stored frames
     times_s: Float64[np.ndarray, "frames"]  # time of each frame [s]
-    moment_s: float | None = None  # time of the photo on the film's clock [s]; None if unknown
+    moment_s: float | None = None  # time of the photo on the video's clock [s]; None if unknown
 
 
-def decode_film(film: PhotoFilm) -> Film | None:
-    """Decodes the frames of a film; returns None if it is unreadable, belongs to another photo, or PyAV is missing."""
+def decode_embedded_video(video: EmbeddedVideo) -> DecodedVideo | None:
+    """Decodes the frames of a video; returns None if it is unreadable, belongs to another photo, or PyAV is missing."""
     try:
         av_error = pyav.av().error.FFmpegError
     except UnshutterError:
         return None
-    source = io.BytesIO(film.place) if isinstance(film.place, bytes) else str(film.place.absolute())
+    source = io.BytesIO(video.place) if isinstance(video.place, bytes) else str(video.place.absolute())
     frames = []
     times = []
     with suppress(av_error, OSError, ValueError, EOFError):
         options = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}
         with pyav.open_to_read(source, options=options) as container:
-            if film.identifier and container.metadata.get(_IDENTIFIER) != film.identifier:
+            if video.identifier and container.metadata.get(_IDENTIFIER) != video.identifier:
                 return None
-            for frame in _frames(container, film.moment_s):
+            for frame in _frames(container, video.moment_s):
                 frames.append(_grey(frame))
                 times.append(frame.time)
                 if len(frames) == _MOST_FRAMES:
                     break
-    return Film(frames, np.array(times), film.moment_s) if frames else None
+    return DecodedVideo(frames, np.array(times), video.moment_s) if frames else None
 
 
 def _frames(container: InputContainer, moment_s: float | None) -> Iterator[VideoFrame]:
     """Yields the frames around a moment from the longest video stream of a container."""
-    films = [stream for stream in container.streams.video if stream.codec_context is not None]
-    if not films:
+    videos = [stream for stream in container.streams.video if stream.codec_context is not None]
+    if not videos:
         return
-    film = max(films, key=lambda each: each.frames)  # some phones store a sharper copy of the photo in a second one
-    film.thread_type = "AUTO"
-    tick_s = film.time_base or 1
+    video = max(videos, key=lambda each: each.frames)  # some phones store a sharper copy of the photo in a second one
+    video.thread_type = "AUTO"
+    tick_s = video.time_base or 1
     if moment_s is not None and moment_s > _LONG_S:
-        if film.duration and moment_s > ((film.start_time or 0) + film.duration) * tick_s + _ABOUT_S:
+        if video.duration and moment_s > ((video.start_time or 0) + video.duration) * tick_s + _ABOUT_S:
             return
-        container.seek(int((moment_s - _ABOUT_S - 1) / tick_s), stream=film)
-    for number, frame in enumerate(container.decode(film)):
+        container.seek(int((moment_s - _ABOUT_S - 1) / tick_s), stream=video)
+    for number, frame in enumerate(container.decode(video)):
         if number > _MOST_BEFORE + _MOST_FRAMES:
             return
         if frame.time is None or (moment_s is not None and frame.time < moment_s - _ABOUT_S):
@@ -102,12 +102,12 @@ def _grey(frame: VideoFrame) -> np.ndarray:
 
 
 NAME = "film"
-_AROUND, _FEWEST = 30, 6  # frames used on each side of the photo; fewest frames of a usable film
+_AROUND, _MIN_FRAMES = 30, 6  # frames used on each side of the photo; fewest frames of a usable video
 _MATCHED = 2  # frames on each side that the photo is compared with
-_USUAL_RATIO = ReadoutRatio(0.6, 0.2, ReadoutSource.USUAL)  # typical of phones' films
+_USUAL_RATIO = ReadoutRatio(0.6, 0.2, ReadoutSource.USUAL)  # typical of phones' videos
 _LEAST_RATIO = 0.12  # frames with a shorter readout were rectified by the phone
 _LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less counts as no motion
-_OFF_PX = 1.5  # px of ROWS rows: largest distance of the photo from the path of an unstabilised film
+_OFF_PX = 1.5  # px of ROWS rows: largest distance of the photo from the path of an unstabilised video
 _AGAINST_PX, _AGAINST_SHARE = 0.8, 0.1  # tolerated difference between its rate and the path's, and share of it
 _RATIOS = (0.05, 2.0)  # readout times of photos [frame intervals]
 _STEP = 0.05  # frame intervals
@@ -115,42 +115,42 @@ _SYSTEMATIC_PX = 0.08  # px of ROWS rows: lens corrections and other effects tha
 
 
 @dataclass(frozen=True)
-class FilmEvidence:
-    """The evidence of a photo's film about the photo's motion."""
+class VideoEvidence:
+    """The evidence of a photo's video about the photo's motion."""
 
-    # the photo's motion, zero with a reason if the camera stood still; None if the film is inconclusive
+    # the photo's motion, zero with a reason if the camera stood still; None if the video is inconclusive
     finding: Finding | None = None
-    reason: Reason | None = None  # why the film is inconclusive; otherwise None
+    reason: Reason | None = None  # why the video is inconclusive; otherwise None
 
 
-def film_motion(view: View) -> FilmEvidence | None:
-    """Returns the evidence of a photo's film about its motion, or None if the photo has no readable film."""
-    place = view.photo.film()
-    film = None if place is None else decode_film(place)
-    if film is None:
+def motion_by_embedded_video(view: View) -> VideoEvidence | None:
+    """Returns the evidence of a photo's video about its motion, or None if the photo has no readable video."""
+    place = view.photo.embedded_video()
+    video = None if place is None else decode_embedded_video(place)
+    if video is None:
         return None
     try:
-        return motion_by(film, view)
+        return motion_by(video, view)
     except (cv2.error, np.linalg.LinAlgError):  # blank or noisy frames
-        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
 
 
-def motion_by(film: Film, view: View) -> FilmEvidence:
-    """Returns the evidence of a film about a photo's motion."""
-    height, width = film.frames[0].shape
-    if len(film.frames) < _FEWEST or height > width:  # rotated upright: its rows are not those of the sensor
-        return FilmEvidence(reason=Reason(Code.FILM_TOO_SHORT))
-    still = _Still.of(view, film)
+def motion_by(video: DecodedVideo, view: View) -> VideoEvidence:
+    """Returns the evidence of a video about a photo's motion."""
+    height, width = video.frames[0].shape
+    if len(video.frames) < _MIN_FRAMES or height > width:  # rotated upright: its rows are not those of the sensor
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_TOO_SHORT))
+    still = _Still.of(view, video)
     if still is None:
-        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
-    view = replace(view, camera=replace(view.camera, readout=still.readout.value))
-    run = _Run.around(film, still.near)
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
+    view = replace(view, camera=replace(view.camera, readout=still.scan_direction.value))
+    run = _Run.around(video, still.near)
     if run is None:
-        return FilmEvidence(reason=Reason(Code.FILM_TOO_SHORT))
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_TOO_SHORT))
     focal = still.focal_px * ROWS / height
     ratio = run.ratio(focal)
     if ratio is None or ratio.value < _LEAST_RATIO:
-        return FilmEvidence(reason=Reason(Code.FILM_STABILISED))
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_STABILISED))
     frames = run.frames(focal, ratio)
     near = still.near - run.first
     fit = still.fit(frames, run, near)
@@ -158,44 +158,46 @@ def motion_by(film: Film, view: View) -> FilmEvidence:
         near = int(np.clip(round(at), 0, len(run.greys) - 1))
         fit = still.fit(frames, run, near) or fit
     if fit is None:
-        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
     return _judged(view, frames, fit, ratio)
 
 
-# ---- the photo within the film -------------------------------------------------------------------------------
+# ---- the photo within the video -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """A photo located within its film."""
+    """A photo located within its video."""
 
     copy: UInt8[np.ndarray, "rows columns"]  # grey copy in the readout frame
-    placement: Placement  # placement of that copy in the film's frames
+    placement: Placement  # placement of that copy in the video's frames
     near: int  # number of the frame in which it was found
-    readout: Readout  # direction in which the stored photo was read, if the film's rows are those of the sensor
-    focal_px: float  # focal length [px of the film's copies]
+    scan_direction: (
+        ScanDirection  # direction in which the stored photo was read, if the video's rows are those of the sensor
+    )
+    focal_px: float  # focal length [px of the video's copies]
 
     @classmethod
-    def of(cls, view: View, film: Film) -> _Still | None:
+    def of(cls, view: View, video: DecodedVideo) -> _Still | None:
         """Locates the photo in one of the frames; returns None if it is not found."""
         stored = view.photo.grey(TRACKED_SIDE)
-        last = len(film.frames) - 1
+        last = len(video.frames) - 1
         middle = last / 2
-        if film.moment_s is not None:
-            middle = np.interp(film.moment_s, film.times_s, np.arange(last + 1))
+        if video.moment_s is not None:
+            middle = np.interp(video.moment_s, video.times_s, np.arange(last + 1))
         tried = dict.fromkeys(int(np.clip(round(at), 0, last)) for at in (middle, 0.75 * middle, middle + 0.25 * last))
         for near in tried:
-            place = placement(stored, film.frames[near])
+            place = placement(stored, video.frames[near])
             if place is not None:
                 break
         else:
             return None
-        readout = next(each for each in Readout if each.quarter_turns % 4 == place.quarter_turns)
-        if view.camera.readout not in ("auto", readout.value):
+        scan_direction = next(each for each in ScanDirection if each.quarter_turns % 4 == place.quarter_turns)
+        if view.camera.readout not in ("auto", scan_direction.value):
             return None
-        copy = np.ascontiguousarray(readout.turn(stored))
-        scale = place.scale * copy.shape[0] / readout.frame_size(view.photo.height, view.photo.width)[0]
-        return cls(copy, place, near, readout, view.focal_px() * scale)
+        copy = np.ascontiguousarray(scan_direction.to_scan_frame(stored))
+        scale = place.scale * copy.shape[0] / scan_direction.frame_size(view.photo.height, view.photo.width)[0]
+        return cls(copy, place, near, scan_direction, view.focal_px() * scale)
 
     def fit(self, frames: Frames, run: _Run, near: int) -> StillFit | None:
         """Fits the rotation of the photo's rows from the frames around ``near``; None if found in fewer than two."""
@@ -218,34 +220,34 @@ class _Still:
         return fit_still(frames, found, self.copy.shape[0] * self.placement.scale)
 
 
-# ---- the film ------------------------------------------------------------------------------------------------
+# ---- the video ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
     """Consecutive frames of one shot around the photo's time."""
 
-    first: int  # number of the first of them in the film
+    first: int  # number of the first of them in the video
     greys: list[UInt8[np.ndarray, "height width"]]  # the frames
     starts: list[float]  # times of the frames [usual frame intervals since the first]
     pairs: list[Tracks]  # tracks of the background from each frame to the next
 
     @classmethod
-    def around(cls, film: Film, near: int) -> _Run | None:
+    def around(cls, video: DecodedVideo, near: int) -> _Run | None:
         """Returns the connected frames around ``near``, or None if there are too few."""
         first = max(near - _AROUND, 0)
-        last = min(near + _AROUND, len(film.frames) - 1)
-        links = {k: background(follow(film.frames[k], film.frames[k + 1])) for k in range(first, last)}
+        last = min(near + _AROUND, len(video.frames) - 1)
+        links = {k: background(follow(video.frames[k], video.frames[k + 1])) for k in range(first, last)}
         while near > first and all(links[k].joined for k in range(first, near)) is False:
             first += 1
         while last > near and all(links[k].joined for k in range(near, last)) is False:
             last -= 1
-        times = film.times_s[first : last + 1]
-        if len(times) < _FEWEST or np.diff(times).min() <= 0:
+        times = video.times_s[first : last + 1]
+        if len(times) < _MIN_FRAMES or np.diff(times).min() <= 0:
             return None
         starts = (times - times[0]) / np.median(np.diff(times))
         pairs = [links[k].tracks for k in range(first, last)]
-        return cls(first, film.frames[first : last + 1], starts.tolist(), pairs)
+        return cls(first, video.frames[first : last + 1], starts.tolist(), pairs)
 
     def ratio(self, focal_px: float) -> ReadoutRatio | None:
         """Returns the frames' readout ratio, the usual one if they do not reveal it, or None if they contradict any."""
@@ -265,36 +267,38 @@ class _Run:
 # ---- plausibility --------------------------------------------------------------------------------------------
 
 
-def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> FilmEvidence:
-    """Returns the motion of the photo, or why it is rejected, for instance because the film was stabilised."""
+def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> VideoEvidence:
+    """Returns the motion of the photo, or why it is rejected, for instance because the video was stabilised."""
     at, off_px = _nearest(frames, fit)
     shape = _shape(frames)
     rate = ((frames.path(np.array([at + _STEP])) - frames.path(np.array([at - _STEP])))[0] / (2 * _STEP)) * shape
-    turned = fit.turn[1] * shape
-    readout = np.clip(rate @ turned / max(rate @ rate, 1e-9), *_RATIOS)
-    against = float(np.linalg.norm(turned - readout * rate))
-    if np.hypot(off_px / _OFF_PX, against / (_AGAINST_PX + _AGAINST_SHARE * np.linalg.norm(turned))) > 1:
-        return FilmEvidence(reason=Reason(Code.FILM_STABILISED))
+    rotated = fit.coefficients[1] * shape
+    readout_ratio = np.clip(rate @ rotated / max(rate @ rate, 1e-9), *_RATIOS)
+    against = float(np.linalg.norm(rotated - readout_ratio * rate))
+    if np.hypot(off_px / _OFF_PX, against / (_AGAINST_PX + _AGAINST_SHARE * np.linalg.norm(rotated))) > 1:
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_STABILISED))
     rows = (np.arange(view.height) + 0.5) / view.height
-    turns = fit.rotation(rows)
-    turns = turns - turns[0]
-    size = float(np.linalg.norm(turns * shape, axis=1).mean())
+    rotations = fit.rotation(rows)
+    rotations = rotations - rotations[0]
+    size = float(np.linalg.norm(rotations * shape, axis=1).mean())
     if size < _LEAST_PX:
-        return FilmEvidence(replace(view.no_motion(NAME, Reason(Code.FILM_STOOD_STILL)), source=MotionSource.FILM))
-    found = view.rotation_motion(turns / frames.fit.focal_px, NAME)
+        return VideoEvidence(
+            replace(view.no_motion(NAME, Reason(Code.EMBEDDED_VIDEO_STOOD_STILL)), source=MotionSource.EMBEDDED_VIDEO)
+        )
+    found = view.rotation_motion(rotations / frames.fit.focal_px, NAME)
     if found.motion.is_zero:  # the fitted motion would fold the picture
-        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
     error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
     better = probability_better(size, float(error))
-    known = {"source": MotionSource.FILM, "confidence": better, "expected_error": float(error) / ROWS}
-    return FilmEvidence(replace(found, **known))
+    known = {"source": MotionSource.EMBEDDED_VIDEO, "confidence": better, "expected_error": float(error) / ROWS}
+    return VideoEvidence(replace(found, **known))
 
 
 def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:
     """Returns the time [frame intervals] at which the path is closest to the photo, and the distance [px of ROWS]."""
     times = np.arange(frames.times[0], frames.times[-1] + 1, _STEP)
-    off = np.linalg.norm((frames.path(times) - fit.turn[0]) * _shape(frames), axis=1)
+    off = np.linalg.norm((frames.path(times) - fit.coefficients[0]) * _shape(frames), axis=1)
     return float(times[off.argmin()]), float(off.min())
 
 

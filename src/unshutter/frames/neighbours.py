@@ -62,11 +62,11 @@ def fuse(
     valid = np.empty((height, width), bool)
 
     def make(tile: Tile) -> None:
-        at = tile.within(own.grid.whole)
+        at = tile.within(own.grid.area_left)
         valid[at] = _fuse_tile(tile, own, others, timing, moment, borrow)
 
     with ThreadPoolExecutor(thread_count()) as threads:
-        for _ in threads.map(make, own.grid.whole.tiles()):
+        for _ in threads.map(make, own.grid.area_left.tiles()):
             pass  # re-raises errors of the threads
     return own.pixels, valid
 
@@ -79,7 +79,7 @@ def _fuse_tile(
     Frames are added one by one: where one differs from the current result, whichever is farther from the moment loses
     its weight.
     """
-    at = tile.within(own.grid.whole)
+    at = tile.within(own.grid.area_left)
     visible, most = _visibility_and_weight(own, tile, timing, moment)
     valid = visible
     mixed = np.ascontiguousarray(own.pixels[at])

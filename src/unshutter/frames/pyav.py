@@ -1,4 +1,4 @@
-"""PyAV, the library that reads and writes films: imported when needed, and the same in its versions 18 and 19."""
+"""PyAV, the library that reads and writes videos: imported when needed, and the same in its versions 18 and 19."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from av.sidedata.sidedata import SideData
     from av.stream import Stream
 
-# ending of a film's name -> FFmpeg's format that writes it as one file
-FILM_FORMATS = {
+# ending of a video's name -> FFmpeg's format that writes it as one file
+VIDEO_FORMATS = {
     ending: name
     for name, endings in {
-        "mp4": ".mp4 .lrv",  # GoPro's small copy of a film
+        "mp4": ".mp4 .lrv",  # GoPro's small copy of a video
         "ipod": ".m4v",
         "mov": ".mov",
         "3gp": ".3gp",
@@ -97,7 +97,7 @@ def is_called_back(frame: FrameType | None) -> bool:
 
 
 def open_to_read(source: BinaryIO | str, options: dict[str, str] | None = None) -> InputContainer:
-    """Opens a film for reading; by default, PyAV 18 refuses one whose tags are not UTF-8, and PyAV 19 reads it."""
+    """Opens a video for reading; by default, PyAV 18 refuses one whose tags are not UTF-8, and PyAV 19 reads it."""
     lenient = {"metadata_errors": "replace"} if int(av().__version__.partition(".")[0]) < 19 else {}
     return av().open(source if isinstance(source, str) else _Seekable(source), options=options, **lenient)
 

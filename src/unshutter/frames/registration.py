@@ -1,7 +1,7 @@
-"""Registers a photo to the frames of its film, and fits the camera's rotation during the photo's readout to that.
+"""Registers a photo to the frames of its video, and fits the camera's rotation during the photo's readout to that.
 
-The film's frames give the camera's rotation T(t) over time (frames/camera.py). A point of the photo at x, in row y
-(0 ... 1), and at x' in frame k shows the rotation Q(y) of that row against the film:
+The video's frames give the camera's rotation T(t) over time (frames/camera.py). A point of the photo at x, in row y
+(0 ... 1), and at x' in frame k shows the rotation Q(y) of that row against the video:
 
     x' - x = J (T(t of its row in frame k) - Q(y)) + g x + (p . x) x + r |x|^2 x
 
@@ -10,8 +10,8 @@ the difference between two lens corrections. Q is modelled as a parabola: q0 + q
 All unknowns are linear. The change of Q from row to row is the photo's motion; neither the photo's readout time nor
 the time at which it was taken is needed.
 
-Both serve as a check, though. If the film was not stabilised, its centre is that of the sensor, so q0 lies on the path
-T, and q1 equals the rate of T there times a plausible readout time. A stabilised film follows a path of its own and
+Both serve as a check, though. If the video was not stabilised, its centre is that of the sensor, so q0 lies on the path
+T, and q1 equals the rate of T there times a plausible readout time. A stabilised video follows a path of its own and
 fails this check.
 """
 
@@ -23,33 +23,33 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from unshutter.frames.camera import ROWS, Fit, turn_jacobian
+from unshutter.frames.camera import ROWS, Fit, rotation_jacobian
 from unshutter.frames.flow import NO_ARRAY
 from unshutter.frames.tracks import follow
 from unshutter.motion.shapes import Float64, UInt8
 
 _FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes with little texture
 _RATIO = 0.75  # Lowe's ratio test: distance of the best match over that of the second best
-_NEAR, _FEWEST = 4.0, 25  # px of tolerance, and fewest features within it
+_NEAR, _MIN_FEATURES = 4.0, 25  # px of tolerance, and fewest features within it
 _LEAST_SHARE = 0.3  # least share of matches that agree
-_SCALES = (0.25, 4.0)  # of the photo's copy in the film
-_SKEW = 6.0  # degrees off a quarter turn; no film is rotated further against its photo
+_SCALES = (0.25, 4.0)  # of the photo's copy in the video
+_SKEW = 6.0  # degrees off a quarter turn; no video is rotated further against its photo
 _MATCHES = 40  # fewest matches in a usable frame
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Approximate placement of a photo in a frame of its film."""
+    """Approximate placement of a photo in a frame of its video."""
 
-    quarter_turns: int  # counter-clockwise quarter turns that align the stored photo with the film's frames
-    scale: float  # px of the film per px of the photo's copy
+    quarter_turns: int  # counter-clockwise quarter turns that align the stored photo with the video's frames
+    scale: float  # px of the video per px of the photo's copy
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
     """Points of a photo matched in a frame."""
 
-    # [N, 2] (col, row) from the photo's centre, rotated like the film, at the film's scale [px of the frame]
+    # [N, 2] (col, row) from the photo's centre, rotated like the video, at the video's scale [px of the frame]
     photo: Float64[np.ndarray, "matches 2"]
     frame: Float64[np.ndarray, "matches 2"]  # [N, 2] (col, row) from the frame's centre [px of the frame]
 
@@ -62,22 +62,22 @@ def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray,
     sift = cv2.SIFT.create(_FEATURES, contrastThreshold=_CONTRAST)
     in_photo, of_photo = sift.detectAndCompute(photo, NO_ARRAY)
     in_frame, of_frame = sift.detectAndCompute(frame, NO_ARRAY)
-    if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < _FEWEST:
+    if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < _MIN_FEATURES:
         return None
     pairs = cv2.BFMatcher().knnMatch(of_photo, of_frame, k=2)
     clear = [best for best, second in pairs if best.distance < _RATIO * second.distance]
-    if len(clear) < _FEWEST:
+    if len(clear) < _MIN_FEATURES:
         return None
     start = np.array([in_photo[each.queryIdx].pt for each in clear])
     end = np.array([in_frame[each.trainIdx].pt for each in clear])
     cv2.setRNGSeed(0)
     similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=_NEAR)
-    if similarity is None or agreeing.sum() < max(_FEWEST, _LEAST_SHARE * len(clear)):
+    if similarity is None or agreeing.sum() < max(_MIN_FEATURES, _LEAST_SHARE * len(clear)):
         return None
     scale = float(np.hypot(similarity[0, 0], similarity[1, 0]))
-    turned = float(np.degrees(np.arctan2(-similarity[1, 0], similarity[0, 0])))  # counter-clockwise: rows run down
-    quarters = round(turned / 90)
-    if abs(turned - 90 * quarters) > _SKEW or not _SCALES[0] <= scale <= _SCALES[1]:
+    rotated = float(np.degrees(np.arctan2(-similarity[1, 0], similarity[0, 0])))  # counter-clockwise: rows run down
+    quarters = round(rotated / 90)
+    if abs(rotated - 90 * quarters) > _SKEW or not _SCALES[0] <= scale <= _SCALES[1]:
         return None
     return Placement(quarters % 4, scale)
 
@@ -96,9 +96,9 @@ def matches(
     height, width = frame.shape
     cos = np.cos(guess[2])
     sin = np.sin(guess[2])
-    turn = np.array([[cos, -sin], [sin, cos]])
+    rotation = np.array([[cos, -sin], [sin, cos]])
     middle, photo_middle = (np.array([size[1] - 1, size[0] - 1]) / 2 for size in (frame.shape, photo.shape))
-    linear = scale * turn
+    linear = scale * rotation
     matrix = np.column_stack([linear, middle + guess[:2] - linear @ photo_middle])
     if scale < 1:  # avoids aliasing
         photo = cv2.GaussianBlur(photo, (0, 0), 0.4 / scale)
@@ -109,7 +109,7 @@ def matches(
     inside = cv2.erode(seen.astype(np.uint8), np.ones((15, 15), np.uint8), borderValue=(0,))[at[:, 1], at[:, 0]] > 0
     if inside.sum() < _MATCHES:
         return None
-    start = (tracks.start[inside] - middle - guess[:2]) @ turn  # undoes the rotation
+    start = (tracks.start[inside] - middle - guess[:2]) @ rotation  # undoes the rotation
     return Matches(start, tracks.end[inside] - middle)
 
 
@@ -133,7 +133,7 @@ _TURNS = 9  # unknowns of q0, q1, q2; followed by those of scale, slant and lens
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """The camera's rotation as estimated from a film."""
+    """The camera's rotation as estimated from a video."""
 
     fit: Fit  # the camera's rotation over time
     times: Float64[np.ndarray, "frames"]  # times of the frames in the fit [frame intervals]
@@ -143,33 +143,33 @@ class Frames:
 
     def path(self, at: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """Rotation at given times, as shifts in the picture [px of ROWS rows; about z: at the focal length]."""
-        return self.fit.turn(at) * self.fit.focal_px
+        return self.fit.rotation(at) * self.fit.focal_px
 
 
 @dataclass(frozen=True, eq=False)
 class StillFit:
     """The fitted rotation of a photo's rows."""
 
-    turn: Float64[np.ndarray, "3 3"]  # [3, 3] q0, q1, q2 about three axes [px of ROWS rows of the film]
+    coefficients: Float64[np.ndarray, "3 3"]  # [3, 3] q0, q1, q2 about three axes [px of ROWS rows of the video]
     error: Float64[np.ndarray, "3 3"]  # [3, 3] their standard deviations
 
     def rotation(self, row: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
-        """Returns the rotation of rows, 0 ... 1, relative to the first [px of ROWS rows of the film]."""
+        """Returns the rotation of rows, 0 ... 1, relative to the first [px of ROWS rows of the video]."""
         centred = row - 0.5
-        moved = centred[:, None] * self.turn[1] + (centred**2)[:, None] * self.turn[2]
-        first = -0.5 * self.turn[1] + 0.25 * self.turn[2]
+        moved = centred[:, None] * self.coefficients[1] + (centred**2)[:, None] * self.coefficients[2]
+        first = -0.5 * self.coefficients[1] + 0.25 * self.coefficients[2]
         return moved - first
 
 
-def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> StillFit:
+def fit_still(frames: Frames, found: Mapping[int, Matches], height: float) -> StillFit:
     """Fits the rotation of a photo's rows.
 
     Args:
         found: frame -> points of the photo matched in it.
-        height: rows of the photo [px of the film's copies, at its scale].
+        height: rows of the photo [px of the video's copies, at its scale].
     """
-    unit = ROWS / film.height
-    parts = [_equations(film, k, each, height, unit) for k, each in found.items()]
+    unit = ROWS / frames.height
+    parts = [_equations(frames, k, each, height, unit) for k, each in found.items()]
     design, moved = zip(*parts, strict=True)
     A = np.concatenate(design)
     b = np.concatenate(moved)
@@ -192,19 +192,19 @@ def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> Stil
     return StillFit(unknowns[:_TURNS].reshape(3, 3), error)
 
 
-def _equations(film: Frames, frame: int, found: Matches, height: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
+def _equations(frames: Frames, frame: int, found: Matches, height: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
     """[N, 2, unknowns] and [N, 2]: linear equations for the matches in a frame [px of ROWS rows]."""
     start = found.photo * unit
     end = found.frame * unit
-    focal = film.fit.focal_px
-    middle = np.array([film.width * unit, ROWS]) / 2
-    J = turn_jacobian((start + end) / 2 + middle, film.width * unit, focal)
+    focal = frames.fit.focal_px
+    middle = np.array([frames.width * unit, ROWS]) / 2
+    J = rotation_jacobian((start + end) / 2 + middle, frames.width * unit, focal)
     row = np.clip(0.5 + end[:, 1] / ROWS, 0, 1)
-    seen = film.path(film.times[frame] + film.ratio * row)
+    seen = frames.path(frames.times[frame] + frames.ratio * row)
     moved = end - start - np.einsum("nij,nj->ni", J[..., :3], seen)
     centred = found.photo[:, 1] / height  # y - 1/2
     shape = np.stack([np.ones_like(centred), centred, centred**2 - 1 / 12], axis=-1)  # [N, 3]
-    turns = -(shape[:, None, :, None] * J[:, :, None, :3]).reshape(len(start), 2, _TURNS)
+    rotations = -(shape[:, None, :, None] * J[:, :, None, :3]).reshape(len(start), 2, _TURNS)
     at = start / (ROWS / 2)
     others = [at, at * at[:, :1], at * at[:, 1:], at * (at**2).sum(axis=1, keepdims=True)]
-    return np.concatenate([turns, np.stack(others, axis=-1)], axis=-1), moved
+    return np.concatenate([rotations, np.stack(others, axis=-1)], axis=-1), moved

@@ -96,7 +96,7 @@ def ratio_from_motion(
     agree = len(parts) > 1 and np.std([_vertex(_COARSE, curve) for curve in coarse]) < _AGREE
     if not (is_checked and agree) and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
         raise UnknownRatioError.because(_cause(pairs, Code.SHOOK_TOO_FAST))
-    upwards = [_Profile(replace(part, pairs=[pair.turned() for pair in part.pairs])) for part in parts]
+    upwards = [_Profile(replace(part, pairs=[pair.rotated() for pair in part.pairs])) for part in parts]
     height = curves.sum(axis=0).max()
     if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > height:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))

@@ -10,7 +10,7 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
-from unshutter.frames.frame_motion import FrameMotion, KnownTurns
+from unshutter.frames.frame_motion import FrameMotion, KnownRotations
 from unshutter.frames.parallax import DEPTH
 from unshutter.frames.self_calibration import (
     GreyFrame,
@@ -25,7 +25,7 @@ from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.options import Camera, Clock, Reference, Undo, check_focal
 from unshutter.options.fields import for_python, from_keywords
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo.photo import PhotoLike, open_photo
 from unshutter.progress import Count, uncounted
 from unshutter.readout_time import ReadoutRatio
@@ -59,11 +59,11 @@ class CameraMotion:
 
     ratio: ReadoutRatio | None = None  # readout time in frame intervals; None to estimate it from the frames
     focal_px: float | None = None  # focal length [px of the frames]; None to use EXIF's, or estimate it from the frames
-    readout: Readout = Readout.TOP_TO_BOTTOM  # direction in which stored pixels were read
+    scan_direction: ScanDirection = ScanDirection.TOP_TO_BOTTOM  # direction in which stored pixels were read
     window: Window = Window()  # frames whose motion is found together
     fewest: int = 2  # shots with fewer frames are left unchanged
     # the camera's rotation measured by a gyro, if available; the frames then give the remaining rotation
-    turns: KnownTurns | None = None
+    known_rotations: KnownRotations | None = None
     # whether the camera's rotation is estimated even if it is too small, or the shot too short, to be corrected
     whole_path: bool = False
     # every so many tracks are kept out of the fit, to check it (:meth:`Tracks.split`); None: none are
@@ -78,7 +78,7 @@ class CameraMotion:
 
     def frames(self, frames: Iterable[PhotoLike]) -> Iterator[FrameMotion]:
         """Yields the motion of each frame, in order, some frames after reading it; memory use is constant."""
-        return self.motions(self.look(frame) for frame in frames)
+        return self.motions(self.add_frame(frame) for frame in frames)
 
     def motions(self, frames: Iterable[GreyFrame | None]) -> Iterator[FrameMotion]:
         """Yields the motion of each frame, in order, from grey copies (:meth:`look`).
@@ -106,13 +106,13 @@ class CameraMotion:
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
 
-    def look(self, frame: PhotoLike) -> GreyFrame:
+    def add_frame(self, frame: PhotoLike) -> GreyFrame:
         """Returns the grey copy of a frame from which its motion is estimated."""
         photo = open_photo(frame)
-        height, width = self.readout.frame_size(photo.height, photo.width)
+        height, width = self.scan_direction.frame_size(photo.height, photo.width)
         if self._focal is None and self.focal_px is None and (focal_px := photo.focal_px()):
             self._focal = focal_px * ROWS / height
-        grey = np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE)))
+        grey = np.ascontiguousarray(self.scan_direction.to_scan_frame(photo.grey(TRACKED_SIDE)))
         return GreyFrame(height, width, grey)
 
     def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
@@ -134,14 +134,14 @@ class CameraMotion:
                 motion = FrameMotion(
                     height=frame.height,
                     width=frame.width,
-                    readout=self.readout,
+                    scan_direction=self.scan_direction,
                     fit=fit,
                     at=frame.at - start,
                     ratio=self.ratio.value if self.ratio else 0.0,
                     reason=reason,
                     shot=shot.number,
                     scene=shot.scene,
-                    turns=self.turns,
+                    rotations=self.known_rotations,
                     time_s=frame.time_s,
                     after=frame.after,
                     tracks=frame.tracks if self.whole_path else None,
@@ -166,7 +166,7 @@ class CameraMotion:
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """Returns the motion around the next frames of a shot, or why there is none."""
         fit, reason = self._fit_of_pairs(shot, many)
-        if (fit is None or reason is not None) and self.turns is not None and self._focal is not None:
+        if (fit is None or reason is not None) and self.known_rotations is not None and self._focal is not None:
             return fit or Fit.none(self._focal), None  # the gyro suffices, whatever the frames show
         return fit, reason
 
@@ -189,9 +189,9 @@ class CameraMotion:
             focal = focal_from_motion(pairs, self.ratio.value, self.count)
             self._focal = focal if long_enough else None
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
-        if self.turns is not None:
+        if self.known_rotations is not None:
             moments = pairwise(shot.clock_s)
-            pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
+            pairs = [self.known_rotations.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         # two frames alone do not tell skew that depth adds from skew that the readout adds
         problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None, self.count)
         likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)), shot.as_now(shot.fitted))
@@ -268,7 +268,7 @@ def estimate_frames(
     camera = from_keywords(Camera, {"readout": readout, "focal_px": focal_px, "readout_ms": readout_ms})
     row = from_keywords(Undo, {"reference": reference}).reference or "first"
     clock = from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": fps})
-    finder = CameraMotion(stated_ratio(clock, camera), camera.focal_px, camera.direction)
+    finder = CameraMotion(stated_ratio(clock, camera), camera.focal_px, camera.scan_direction)
     return (frame.finding(row) for frame in finder.frames(frames))
 
 

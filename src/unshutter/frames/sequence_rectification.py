@@ -28,7 +28,7 @@ from unshutter.motion.rectified import Rectified, Result, render
 from unshutter.motion.verdict import Verdict, judge
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Reference, Undo, model_for
 from unshutter.options.fields import for_python, from_keywords
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 from unshutter.photo.photo import PhotoLike, files_behind, open_photo
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
@@ -48,7 +48,7 @@ class SequenceOptions:
 
     time: ReadoutRatio | None  # readout time in frame intervals; None if unknown
     undo: Undo  # reference row, strength and edges
-    readout: Readout  # direction in which the stored pixels were read
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
     # time of the picture, in frame intervals from the frame's first row; None for that of the reference row
     at: float | None = None
     # motion model; None for the one other options require, otherwise the one that fits the frames
@@ -121,7 +121,7 @@ def rectify_densely(
     for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, current.to_next)):
         if neighbour is not None and connection is not None:
             theirs = pixels_like(neighbour, current.photo)
-            frames[side], links[side] = np.ascontiguousarray(options.readout.turn(theirs)), connection
+            frames[side], links[side] = np.ascontiguousarray(options.scan_direction.to_scan_frame(theirs)), connection
     timing = options.timing(frames[0].shape[0])
     edges = options.undo.edges
     picture = render_moment(
@@ -133,9 +133,9 @@ def rectify_densely(
         fill=edges == "fill",
         masked=current.photo.masked,
     )
-    back = -options.readout.quarter_turns
+    back = -options.scan_direction.quarter_turns
     pixels, valid, own = (np.rot90(each, back) for each in (picture.pixels, picture.valid, picture.own))
-    nothing = RowMotion.zero(*frames[0].shape[:2], readout=options.readout)
+    nothing = RowMotion.zero(*frames[0].shape[:2], scan_direction=options.scan_direction)
     no_single_motion = Finding(nothing, estimator="frames-dense", source=MotionSource.NEIGHBOURS)
     if picture.reason:
         return RectifiedFrame(current.photo, current.photo, Verdict(no_single_motion, 0.0, picture.reason), valid=valid)
@@ -219,7 +219,9 @@ def rectify_frames(
     time = stated_ratio(from_keywords(Clock, {"readout_ratio": readout_ratio, "fps": fps}), camera)
     neighbours = from_keywords(Neighbours, {"sequence": True, "at": at, "model": model, "fallback": fallback})
     alone = Find() if neighbours.fallback else None
-    options = SequenceOptions(time, undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone)
+    options = SequenceOptions(
+        time, undo, camera.scan_direction, neighbours.at, neighbours.model, camera.focal_px, alone
+    )
     inputs = [opened for frame in frames for opened in files_behind(frame)] if isinstance(frames, Sequence) else []
     return _with_advice(_each(iter(frames), options, inputs))
 
@@ -241,7 +243,7 @@ def _each(frames: Iterator[PhotoLike], options: SequenceOptions, inputs: list[Op
     before = current = None
     for source in frames:
         inputs += files_behind(source)
-        following = Frame(source, options.readout, inputs)
+        following = Frame(source, options.scan_direction, inputs)
         if current is not None:
             yield _by_any_means(before, current, following, options)
         before, current = current, following
@@ -256,7 +258,7 @@ def with_ratio(frames: Sequence[Photo], options: SequenceOptions) -> SequenceOpt
     They are returned unchanged if the ratio does not matter, because nothing moves, or if photos may be used alone.
     Raises UnknownRatioError if more than three frames do not reveal it.
     """
-    finder = CameraMotion(None, options.focal_px, options.readout)
+    finder = CameraMotion(None, options.focal_px, options.scan_direction)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
         return replace(options, time=finder.ratio)
@@ -283,11 +285,11 @@ def rectify_between(
     for each in (before, photo, after):
         if each is not None:
             each.start_decoding(grey_px=copy_side(each.height, each.width))
-    earlier, later = (None if each is None else Frame(each, options.readout) for each in (before, after))
+    earlier, later = (None if each is None else Frame(each, options.scan_direction) for each in (before, after))
     stated = options.time
     if stated is None and camera_motion is None:
         options = with_ratio([each for each in (before, photo, after) if each is not None], options)
-    result = _by_any_means(earlier, Frame(photo, options.readout), later, options, camera_motion)
+    result = _by_any_means(earlier, Frame(photo, options.scan_direction), later, options, camera_motion)
     return result if stated is not None else replace(result, ratio=options.time)
 
 
@@ -368,7 +370,7 @@ def _rendered(photo: Photo, verdict: Verdict, options: SequenceOptions, model: M
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
     """Returns the camera's motion around one of a few frames."""
-    finder = CameraMotion(options.time, options.focal_px, options.readout)
+    finder = CameraMotion(options.time, options.focal_px, options.scan_direction)
     camera_motion = list(finder.frames(frame.photo for frame in frames))[number]
     if finder.ratio is None and camera_motion.ratio_unknown:
         raise _error_of(camera_motion)

@@ -19,7 +19,7 @@ _ALIKE = 0.5  # mean correlation of windows: above it, two frames show one scene
 _BY_CHANCE = 5.0  # standard errors by which tracks must be more, or their windows more alike, than by chance
 _FEW_UNRELATED = 3  # fewer corners found in an unrelated picture: none are found by chance
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is measured
-_FEWEST = 12  # tracks; fewer are inconclusive
+MIN_TRACKS = 12  # tracks; fewer are inconclusive
 _LEAST_OF_SCENE = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
 # least shares of corners tracked, and of tracks that agree; below either, the shot ends
 _LEAST_TRACKED = 0.15
@@ -55,15 +55,15 @@ class Tracks:
         """Returns a selection of the tracks."""
         return replace(self, start=self.start[selection], end=self.end[selection])
 
-    def turned(self) -> Tracks:
+    def rotated(self) -> Tracks:
         """Returns the tracks of pictures that are turned by 180 degrees."""
         last = np.array([self.width - 1, self.height - 1])
         return replace(self, start=last - self.start, end=last - self.end)
 
     def split(self, every: int) -> tuple[Tracks, Tracks]:
         """Returns these tracks without every so many of them, and those."""
-        kept_out = np.arange(len(self)) % every == 0
-        return self.only(~kept_out), self.only(kept_out)
+        held_out = np.arange(len(self)) % every == 0
+        return self.only(~held_out), self.only(held_out)
 
 
 def follow(
@@ -117,12 +117,12 @@ def _shows_one_scene(tracks: Tracks, earlier: np.ndarray, later: np.ndarray, cor
     alike = _correlations(tracks, earlier, later)
     if alike.mean() > _ALIKE:
         return True
-    turned = np.ascontiguousarray(later[::-1, ::-1])
-    unrelated = _found(earlier, turned, corners)
+    rotated = np.ascontiguousarray(later[::-1, ::-1])
+    unrelated = _found(earlier, rotated, corners)
     more = len(tracks) - len(unrelated)
     if len(unrelated) < _FEW_UNRELATED or more > _BY_CHANCE * np.sqrt(len(tracks) + len(unrelated)):
         return True
-    by_chance = _correlations(unrelated, earlier, turned)
+    by_chance = _correlations(unrelated, earlier, rotated)
     error = by_chance.std(ddof=1) * np.sqrt(1 / len(alike) + 1 / len(by_chance))
     return alike.mean() > by_chance.mean() + _BY_CHANCE * error
 
@@ -182,7 +182,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None, before: Backg
         before: background of the two frames before, whose second one is the first one here. Of two planes that are
             about as large, the one that was the background before still is.
     """
-    if len(tracks) < max(_FEWEST, _LEAST_TRACKED * tracks.looked_for):
+    if len(tracks) < max(MIN_TRACKS, _LEAST_TRACKED * tracks.looked_for):
         cut = len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
         return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False, cut=cut)
     diagonal = float(np.hypot(tracks.height, tracks.width))
@@ -192,7 +192,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None, before: Backg
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
         return Background(tracks.only(still), joined=True, still=True, passing=True)
-    joined = plane.sum() >= max(_FEWEST, _LEAST_AGREEING * len(tracks))
+    joined = plane.sum() >= max(MIN_TRACKS, _LEAST_AGREEING * len(tracks))
     passing = np.hypot(*moved.T) > _PASSES * diagonal
     cut = not joined and len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
     return Background(tracks.only(plane), bool(joined), cut, passing=passing.sum() > _FEW_PASS * len(tracks))
@@ -200,7 +200,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None, before: Backg
 
 def _largest_plane(tracks: Tracks, ratio: float, before: Background | None) -> Bool[np.ndarray, "tracks"]:
     """Returns which tracks move with the largest plane, or with the one that was the background before."""
-    fewest = max(_FEWEST, _LEAST_AGREEING * len(tracks))
+    fewest = max(MIN_TRACKS, _LEAST_AGREEING * len(tracks))
     plane = np.zeros(len(tracks), bool)
     for guess in dict.fromkeys((ratio, GUESSED_RATIO)):  # the speed of a camera that shakes is not that within a frame
         plane = _of_one_plane(*_at_once(tracks, guess), tracks)
@@ -215,7 +215,7 @@ def _largest_plane(tracks: Tracks, ratio: float, before: Background | None) -> B
     rest = tracks.only(~plane)
     rival = np.zeros(len(tracks), bool)
     rival[others] = _of_one_plane(*_at_once(rest, guess), rest)
-    is_rival = rival.sum() >= max(_FEWEST, _RIVAL * plane.sum())
+    is_rival = rival.sum() >= max(MIN_TRACKS, _RIVAL * plane.sum())
     return rival if is_rival and _share_known(tracks.start[rival], tracks, before) > 2 * goes_on else plane
 
 
@@ -244,7 +244,7 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndar
     """
     near = _NEAR_PLANE * float(np.hypot(tracks.height, tracks.width))
     sharply = _close_to_plane(start, end, tracks, near / 2, near / 2)
-    enough = sharply.sum() >= max(_FEWEST, _LEAST_AGREEING * len(start))
+    enough = sharply.sum() >= max(MIN_TRACKS, _LEAST_AGREEING * len(start))
     return sharply if enough else _close_to_plane(start, end, tracks, near, 2 * near)
 
 
@@ -255,14 +255,14 @@ def _close_to_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks, near: fl
     diagonal = float(np.hypot(tracks.height, tracks.width))
     before, after = (straightened(points, tracks) for points in (start, end))
     homography, agreeing = cv2.findHomography(before, after, cv2.USAC_ACCURATE, at_first)
-    if homography is None or agreeing.sum() < _FEWEST:
+    if homography is None or agreeing.sum() < MIN_TRACKS:
         return np.zeros(len(start), bool)
     off = end - bent(cv2.perspectiveTransform(before[None], homography)[0], tracks)
     chosen = agreeing[:, 0] > 0
     for _ in range(3):
         by_row = np.polynomial.polynomial.polyfit(start[chosen, 1] / diagonal, off[chosen], 3)
         away = np.hypot(*(off - np.polynomial.polynomial.polyval(start[:, 1] / diagonal, by_row).T).T)
-        if np.count_nonzero(away < near) < _FEWEST:
+        if np.count_nonzero(away < near) < MIN_TRACKS:
             return np.zeros(len(start), bool)
         chosen = away < near
     if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # no closer than by chance: noise

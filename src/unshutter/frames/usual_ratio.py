@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from unshutter.frames.tracks import GUESSED_RATIO
 from unshutter.photo import Photo
-from unshutter.photo.exposure import UNKNOWN
+from unshutter.photo.readout_times import UNKNOWN
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
 FEW = 3  # a photo and those just before and after it never show their readout ratio

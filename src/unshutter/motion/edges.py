@@ -30,7 +30,7 @@ class EdgeDecision(NamedTuple):
 
     edges: Edges  # ``keep``, ``crop``, ``fill`` or ``borrow``, never ``auto``
     window: Tile  # the part of the picture that is kept
-    whole: float | None = None  # share of the picture's area that a crop leaves; None if no crop was computed
+    area_left: float | None = None  # share of the picture's area that a crop leaves; None if no crop was computed
 
 
 @dataclass(frozen=True)

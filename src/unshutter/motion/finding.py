@@ -23,11 +23,11 @@ from unshutter.version import __version__
 
 
 @dataclass(frozen=True)
-class Chance:
+class MotionOdds:
     """What a photo says about whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
 
     log_odds: float  # that the camera moved, if half of all cameras did
-    turning_point: float  # log odds of the folder from which a motion is undone
+    decision_threshold: float  # log odds of the folder from which a motion is undone
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Finding:
         exposure_s: exposure time of the photo [s]; None if unknown.
         kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
             (name, share); empty if the estimator does not report them.
-        film: why the film inside the photo was not used; None if it was used or the photo has none.
-        chance: what the photo says about whether its camera moved; None if unknown; not in motion files.
+        video_unused: why the video inside the photo was not used; None if it was used or the photo has none.
+        motion_odds: what the photo says about whether its camera moved; None if unknown; not in motion files.
         held, held_at_rest: how the camera was held if it moved like this, and if it did not move; None if unknown.
         version: version of unshutter that found it.
         candidates: all motions that fit, the best one first; empty if there was no choice.
@@ -72,8 +72,8 @@ class Finding:
     attitude_from: str = ""
     exposure_s: float | None = None
     kind_shares: tuple[tuple[str, float], ...] = ()
-    film: Reason | None = None
-    chance: Chance | None = None
+    video_unused: Reason | None = None
+    motion_odds: MotionOdds | None = None
     held: Pose | None = None
     held_at_rest: Pose | None = None
     version: str = __version__
@@ -103,8 +103,8 @@ class Finding:
 
     def rereferenced(self, reference: Reference) -> Finding:
         """Returns the finding with its motion relative to another reference row."""
-        turned = float(self.motion.rz_rad[row_index(reference, self.motion.height)])
-        return replace(self, motion=self.motion.rereferenced(reference), held=self.held and self.held.rolled(turned))
+        rotated = float(self.motion.rz_rad[row_index(reference, self.motion.height)])
+        return replace(self, motion=self.motion.rereferenced(reference), held=self.held and self.held.rolled(rotated))
 
     def resized(self, height: int, width: int) -> Finding:
         """Returns the finding for another size of the photo's readout frame; the aspect ratio must fit."""
@@ -113,8 +113,8 @@ class Finding:
         if motion is old or self.held is None:
             return replace(self, motion=motion)
         at = matching_rows(old.height, height)[motion.reference_row]  # the reference row is read at another time
-        turned = float(interpolated(np.array([at]), np.arange(old.height, dtype=np.float64), old.rz_rad)[0])
-        return replace(self, motion=motion, held=self.held.rolled(turned))
+        rotated = float(interpolated(np.array([at]), np.arange(old.height, dtype=np.float64), old.rz_rad)[0])
+        return replace(self, motion=motion, held=self.held.rolled(rotated))
 
     def as_stated(self, most: float = MOST_STATED) -> Finding:
         """Returns the finding with its confidence, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
@@ -139,15 +139,15 @@ class Finding:
         motion = taken.motion.scaled(strength)
         return replace(taken.finding, motion=motion, confidence=None, candidates=self.candidates)
 
-    def fit(self, height: int, width: int, readout: str = "auto") -> Finding:
+    def fit(self, height: int, width: int, scan_direction: str = "auto") -> Finding:
         """Returns the finding for a stored picture of height x width [px]; the aspect ratio must fit.
 
         Raises:
             UsageError: another readout direction is asked for; UnshutterError: the aspect ratio differs.
         """
-        if readout != "auto" and Camera(readout).direction != self.motion.readout:
-            raise UsageError(f"the motion was made for readout {self.motion.readout}, not {readout}")
-        return self.resized(*self.motion.readout.frame_size(height, width))
+        if scan_direction != "auto" and Camera(scan_direction).scan_direction != self.motion.scan_direction:
+            raise UsageError(f"the motion was made for readout {self.motion.scan_direction}, not {scan_direction}")
+        return self.resized(*self.motion.scan_direction.frame_size(height, width))
 
     # ---- motion files --------------------------------------------------------------------------------------------
 
@@ -161,7 +161,7 @@ class Finding:
             "exposure_s": self.exposure_s,
             "expected_error": rounded(self.expected_error, 6),
             "kinds": {name: round(share, 4) for name, share in self.kind_shares} or None,
-            "film": self.film and self.film.as_json(),
+            "film": self.video_unused and self.video_unused.as_json(),
             "held": self.held and asdict(self.held),
             "held_at_rest": self.held_at_rest and asdict(self.held_at_rest),
         }
@@ -196,7 +196,7 @@ class Finding:
 
 # sources by the names in motion files; all others are methods that see the photo
 _SOURCES = {
-    "film": MotionSource.FILM,
+    "film": MotionSource.EMBEDDED_VIDEO,
     "frames-camera": MotionSource.NEIGHBOURS,
     "by-hand": MotionSource.HAND,
     "drawn-lines": MotionSource.HAND,
@@ -224,7 +224,7 @@ def _answer_of(data: JsonObject) -> JsonObject:
         "attitude_from": visible(str(attitude.get("from", ""))),
         "exposure_s": number_of(data.get("exposure_s")),
         "kind_shares": tuple((visible(str(kind)), float(share)) for kind, share in shares.items()),
-        "film": Reason.from_json(data["film"]) if "film" in data else None,
+        "video_unused": Reason.from_json(data["film"]) if "film" in data else None,
         **{held: Pose(**data[held]) for held in ("held", "held_at_rest") if held in data},
         "version": visible(str(data.get("unshutter", ""))),
     }
@@ -304,8 +304,8 @@ class Candidate:
     def as_stated(self, most: float = MOST_STATED) -> Candidate:
         """Returns the candidate with its probability, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
         least = 1 - MOST_STATED if self.kind == "still" else 0.0  # that nothing helps is never ruled out
-        chance = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
-        return replace(self, finding=self.finding.as_stated(most), probability=chance)
+        motion_odds = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
+        return replace(self, finding=self.finding.as_stated(most), probability=motion_odds)
 
     def as_json(self) -> JsonObject:
         """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""
@@ -328,7 +328,7 @@ class Candidate:
     @property
     def direction(self) -> Direction:
         """Direction in which the camera turned, as seen in the upright photo; the scene moves the opposite way."""
-        up = np.array(scene_up(self.orientation, self.motion.readout))
+        up = np.array(scene_up(self.orientation, self.motion.scan_direction))
         right = np.array([-up[1], up[0]])
         scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
         sideways = float(scene @ right)

@@ -47,8 +47,8 @@ def rs_to_gs_map(motion: Motion, upright: Pose | None = None) -> PositionMap:
     motion.check_unfolded()
     if upright is None:
         return _in_stored_frame(motion, motion.rs_to_gs)
-    turn = partial(upright.leaning, height=motion.height, width=motion.width, back=True)
-    return _in_stored_frame(motion, lambda col, row: turn(*motion.rs_to_gs(col, row)))
+    rotation = partial(upright.leaning, height=motion.height, width=motion.width, back=True)
+    return _in_stored_frame(motion, lambda col, row: rotation(*motion.rs_to_gs(col, row)))
 
 
 class Tile(NamedTuple):
@@ -135,7 +135,7 @@ class SamplingGrid:
         return cls(np.clip(nodes, -far, 2 * far, out=nodes), steps[0], steps[1], height, width)
 
     @property
-    def whole(self) -> Tile:
+    def area_left(self) -> Tile:
         """The whole output as a tile."""
         return Tile(0, self.height, 0, self.width)
 
@@ -147,8 +147,8 @@ class SamplingGrid:
     ]:
         """Computes the map at every pixel of the output: col and row, each float32 [H, W]."""
         col, row = (np.empty((self.height, self.width), np.float32) for _ in range(2))
-        for tile in self.whole.tiles():
-            col[tile.within(self.whole)], row[tile.within(self.whole)] = self.positions(tile)
+        for tile in self.area_left.tiles():
+            col[tile.within(self.area_left)], row[tile.within(self.area_left)] = self.positions(tile)
         return col, row
 
     def positions(
@@ -224,11 +224,11 @@ def _weights(at: np.ndarray, step: int, nodes: int) -> np.ndarray:
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
     """Converts a map between positions of the readout frame to one between stored positions."""
-    readout = motion.readout
-    size = motion.readout.frame_size(motion.height, motion.width)
+    scan_direction = motion.scan_direction
+    size = motion.scan_direction.frame_size(motion.height, motion.width)
 
     def in_stored(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return readout.points_to_stored(*in_frame(*readout.points_to_frame(col, row, *size)), *size)
+        return scan_direction.points_to_stored(*in_frame(*scan_direction.points_to_frame(col, row, *size)), *size)
 
     return in_stored
 

@@ -1,4 +1,4 @@
-"""Lenses that bend straight lines: where in the picture a direction is seen, and which direction a position shows.
+"""The Kannala-Brandt model of lenses that bend straight lines (OpenCV's fisheye): directions, positions and back.
 
 A direction at the angle theta from the viewing axis is seen at the distance
 

@@ -19,7 +19,7 @@ from unshutter.motion import motion_file
 from unshutter.motion.motion_file import Common
 from unshutter.motion.shapes import ArrayLike, Float, Float64, Numbers
 from unshutter.options import Reference
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject
 
 BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
@@ -78,7 +78,7 @@ class Motion(ABC):
         width: columns of the readout frame [px].
         reference: the row (first | middle | last) whose time is that of the global-shutter picture;
             the motion is zero there.
-        readout: direction in which the stored pixels were read.
+        scan_direction: direction in which the stored pixels were read.
 
     Raises:
         UnshutterError: a value is not finite, is impossible for a photo, or contradicts another value.
@@ -91,7 +91,7 @@ class Motion(ABC):
     width: int
     _: KW_ONLY
     reference: Reference = "first"
-    readout: Readout = Readout.TOP_TO_BOTTOM
+    scan_direction: ScanDirection = ScanDirection.TOP_TO_BOTTOM
 
     def __init_subclass__(cls, *, kind: str) -> None:
         super().__init_subclass__()
@@ -105,7 +105,7 @@ class Motion(ABC):
         if len(tx) != 1 or tx != rz or tx[0] < 1:
             raise UnshutterError(f"a motion needs one t_x and one r_z per row, got shapes {tx} and {rz}")
         motion_file.check_lengths(self.tx_px)
-        motion_file.check_turns(self.rz_rad)
+        motion_file.check_rotations(self.rz_rad)
         motion_file.check_size(self.height, self.width)
         row_index(self.reference, self.height)
 
@@ -209,7 +209,7 @@ class Motion(ABC):
     @property
     def common(self) -> Common:
         """Attributes shared by all kinds, by name."""
-        return Common(width=self.width, reference=self.reference, readout=self.readout)
+        return Common(width=self.width, reference=self.reference, scan_direction=self.scan_direction)
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -221,8 +221,8 @@ class Motion(ABC):
 
     def __repr__(self) -> str:
         shift = f"t_x up to {np.abs(self.tx_px).max():.1f} px"
-        turn = f"r_z up to {np.degrees(np.abs(self.rz_rad).max()):.1f} deg"
-        return f"{type(self).__name__}({self.height} rows x {self.width}, {shift}, {turn})"
+        rotation = f"r_z up to {np.degrees(np.abs(self.rz_rad).max()):.1f} deg"
+        return f"{type(self).__name__}({self.height} rows x {self.width}, {shift}, {rotation})"
 
     def __reduce__(self) -> tuple:  # cached look-up functions cannot be pickled; they are rebuilt
         return partial(type(self), **{field.name: getattr(self, field.name) for field in fields(self)}), ()
@@ -241,7 +241,7 @@ class Motion(ABC):
             "kind": self.kind,
             "height": self.height,
             "width": self.width,
-            "readout": str(self.readout),
+            "readout": str(self.scan_direction),
             "reference": self.reference,
             "reference_row": self.reference_row,
             "largest_px": round(largest, 3) if math.isfinite(largest) else None,
@@ -270,7 +270,7 @@ class Motion(ABC):
         """
         first_kinds = "rotations" if "rotations_rad" in data else "rows"  # the earliest files do not name theirs
         kind = str(data.get("kind", first_kinds))
-        height = motion_file.whole(data["height"])
+        height = motion_file.whole_number(data["height"])
         if kind not in Motion._kinds:
             _import_method(str(data.get("estimator")))
         if kind not in Motion._kinds:

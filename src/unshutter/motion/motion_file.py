@@ -15,7 +15,7 @@ import numpy as np
 from unshutter.errors import MissingFileError, UnshutterError, visible
 from unshutter.motion.shapes import ArrayLike
 from unshutter.options import Reference
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject, Reason
 from unshutter.storage.files import check_motion_name, check_target, read_text, written_whole
 from unshutter.version import __version__
@@ -23,7 +23,7 @@ from unshutter.version import __version__
 # Far beyond any real photo, so that only mistakes exceed them, and far below the limits of floating point.
 MOST_SIDE = 1_000_000  # px
 MOST_SHIFT_PX = 1e6
-MOST_TURN_RAD = 2 * math.pi
+MAX_ROTATION_RAD = 2 * math.pi
 LEAST_FOCAL_PX = 1e-3
 MOST_FOCAL_PX = 1e9
 
@@ -32,7 +32,7 @@ class Keywords(TypedDict, total=False):
     """Optional attributes of all kinds of motion, see :class:`Motion`."""
 
     reference: Reference
-    readout: Readout
+    scan_direction: ScanDirection
 
 
 class Common(Keywords):
@@ -69,10 +69,10 @@ def check_lengths(*lengths_px: ArrayLike) -> None:
         raise UnshutterError(f"no camera moves a picture by more than {MOST_SHIFT_PX:.0f} px while it is read")
 
 
-def check_turns(*turns_rad: ArrayLike) -> None:
+def check_rotations(*turns_rad: ArrayLike) -> None:
     """Raises UnshutterError if an array or number is not a plausible rotation angle of a camera [rad]."""
     check_finite(*turns_rad)
-    if any(np.abs(turn).max() > MOST_TURN_RAD for turn in turns_rad):
+    if any(np.abs(rotation).max() > MAX_ROTATION_RAD for rotation in turns_rad):
         raise UnshutterError("no camera turns by more than 360 degrees while a picture is read")
 
 
@@ -108,7 +108,7 @@ def parsed(text: str) -> JsonObject:
     return data
 
 
-def whole(number: float) -> int:
+def whole_number(number: float) -> int:
     """Returns a whole number of rows or columns; raises ValueError for any other."""
     if int(number) != number:
         raise ValueError(f"{number:g} is not a whole number of rows or columns")
@@ -118,7 +118,11 @@ def whole(number: float) -> int:
 def common_of(data: JsonObject) -> Common:
     """Returns the attributes shared by all kinds of motion."""
     reference = cast(Reference, str(data.get("reference", "first")))  # which the motion checks
-    return Common(width=whole(data["width"]), reference=reference, readout=Readout.parse(data.get("readout", "auto")))
+    return Common(
+        width=whole_number(data["width"]),
+        reference=reference,
+        scan_direction=ScanDirection.parse(data.get("readout", "auto")),
+    )
 
 
 def reason_of(data: JsonObject) -> Reason | None:

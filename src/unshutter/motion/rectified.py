@@ -37,14 +37,14 @@ class Result(ABC):
         original: the photo as it was read.
         verdict: whether anything was undone, and why not.
         edges: ``keep``, ``crop``, ``fill`` or ``borrow``: how areas that the photo did not see were handled.
-        whole: share of the photo's area that a crop leaves; None if no crop was computed.
+        area_left: share of the photo's area that a crop leaves; None if no crop was computed.
     """
 
     photo: Photo
     original: Photo
     verdict: Verdict
     edges: Edges = "keep"
-    whole: float | None = None
+    area_left: float | None = None
 
     @property
     @abstractmethod
@@ -69,7 +69,7 @@ class Result(ABC):
     @property
     def needs_a_look(self) -> bool:
         """Whether someone should compare both pictures: the motion is large but unsure, or a crop left little."""
-        return self.verdict.needs_a_look or (self.whole is not None and self.whole < LEAST_GOOD_CROP)
+        return self.verdict.needs_a_look or (self.area_left is not None and self.area_left < LEAST_GOOD_CROP)
 
     @property
     def pixels(self) -> np.ndarray:
@@ -185,7 +185,7 @@ def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
     from unshutter.motion.warp import straighten
 
     result = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
-    return Rectified(photo.with_pixels(result.pixels), photo, verdict, result.edges, result.whole)
+    return Rectified(photo.with_pixels(result.pixels), photo, verdict, result.edges, result.area_left)
 
 
 def write(

@@ -108,7 +108,7 @@ def rotate_position(
         >>> float(col.round(3)), float(row.round(3))
         (50.0, 0.0)
     """
-    x, y, z = _turned(col, row, rotation, focal_px, center, lens)
+    x, y, z = _rotated(col, row, rotation, focal_px, center, lens)
     x, y = (x / z, y / z) if lens is None else lens.position(x, y, z)
     return x * focal_px + center[0], y * focal_px + center[1]
 
@@ -193,7 +193,7 @@ def _row_residual(
 ) -> tuple[Array, Array]:
     """Returns v minus the row on which the rotation of row v shows the point, and its derivative with respect to v."""
     rotation, rate = row_rotation(v)
-    x, y, z = _turned(col, row, rotation, focal_px, center, lens)
+    x, y, z = _rotated(col, row, rotation, focal_px, center, lens)
     y_rate = rate[..., 2] * x - rate[..., 0] * z  # of w x d
     z_rate = rate[..., 0] * y - rate[..., 1] * x
     if lens is not None:
@@ -205,7 +205,7 @@ def _row_residual(
     return residual, 1.0 - focal_px * (y_rate * z - y * z_rate) / (z * z)
 
 
-def _turned(
+def _rotated(
     col: Array, row: Array, rotation: Array, focal_px: float, center: tuple, lens: Lens | None = None
 ) -> tuple[Array, Array, Array]:
     """Returns R d for the directions d of positions; z is NaN where a straight lens would have it behind the camera."""
@@ -238,10 +238,10 @@ def row_rotation_from_samples(rotations: Float[Array, "rows 3 3"]) -> RowRotatio
     def row_rotation(v: Array) -> tuple[Array, Array]:
         inside = xp.clip(xp.where(xp.isnan(v), xp.zeros_like(v), v), 0, last)
         below = xp.astype(xp.clip(xp.floor(inside), 0, max(last - 1, 0)), xp.int64)
-        turn = take(turns, below)
-        on_the_way = rotation_matrix(turn * (inside - xp.astype(below, v.dtype))[..., None])
+        rotation = take(turns, below)
+        on_the_way = rotation_matrix(rotation * (inside - xp.astype(below, v.dtype))[..., None])
         moving = xp.astype((v >= 0) & (v <= last), v.dtype)
-        return xp.matmul(on_the_way, take(rotations, below)), turn * moving[..., None]
+        return xp.matmul(on_the_way, take(rotations, below)), rotation * moving[..., None]
 
     return row_rotation
 
@@ -284,7 +284,7 @@ class RotationMotion(Motion, kind="rotations"):
         object.__setattr__(self, "rotations", rotations)
         if rotations.ndim != 2 or rotations.shape[1] != 3 or len(rotations) < 1:
             raise UnshutterError(f"a motion needs three rotations per row, got an array of shape {rotations.shape}")
-        motion_file.check_turns(rotations)
+        motion_file.check_rotations(rotations)
         motion_file.check_focal(self.focal_px)
         if np.linalg.norm(rotations, axis=1).max() >= _FARTHEST:
             raise UnshutterError("the motion turns the camera by 90 degrees or more")

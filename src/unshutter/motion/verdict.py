@@ -50,8 +50,8 @@ class Speed:
     def described(self) -> str:
         """The peaks in words: ``turned by up to 12 deg/s, moved by up to 1400 px/s``."""
         peaks = self.summary()
-        turned = abs(peaks["angular_deg_s"]["peak"])
-        return f"turned by up to {turned:.0f} deg/s, moved by up to {peaks['velocity_px_s']['peak']:.0f} px/s"
+        rotated = abs(peaks["angular_deg_s"]["peak"])
+        return f"turned by up to {rotated:.0f} deg/s, moved by up to {peaks['velocity_px_s']['peak']:.0f} px/s"
 
     def summary(self) -> dict:
         """Returns mean and peak, ready for JSON; all signed except the peak velocity, which is a magnitude."""
@@ -91,7 +91,7 @@ _CAUSES = {
     Code.NO_VISIBLE_MOTION: Cause.NO_MOTION,
     Code.NOTHING_MOVED: Cause.NO_MOTION,
     Code.NO_ROLLING_SHUTTER: Cause.NO_ROLLING_SHUTTER,
-    Code.FILM_STOOD_STILL: Cause.NO_MOTION,
+    Code.EMBEDDED_VIDEO_STOOD_STILL: Cause.NO_MOTION,
     Code.UNSURE: Cause.UNSURE,
     Code.HARDLY_HELPS: Cause.UNSURE,
     Code.UNSURE_HOW_MOVED: Cause.UNSURE,
@@ -198,10 +198,10 @@ class Verdict:
         asked = self.upright is not None or self.not_upright is not None or (found.roll and found.roll.stated)
         if self.reason is None or self.reason.code in _MOVED or asked or pose is None or pose.roll_error_deg is None:
             return None
-        turned = pose.undone_for("level", found.roll, found.tilt)
-        if isinstance(turned, Reason) or abs(turned.roll_deg) < _LEAST_ERRORS * pose.roll_error_deg:
+        rotated = pose.undone_for("level", found.roll, found.tilt)
+        if isinstance(rotated, Reason) or abs(rotated.roll_deg) < _LEAST_ERRORS * pose.roll_error_deg:
             return None
-        deg = round(abs(turned.roll_deg), 1)
+        deg = round(abs(rotated.roll_deg), 1)
         return Angle(deg, error_deg=round(pose.roll_error_deg, 1)) if deg >= _LEAST_LEAN_DEG else None
 
     @property
@@ -249,9 +249,9 @@ class Verdict:
         look = ", please look" if self.needs_a_look else ""
         done = f"points moved {self._how_far}{self._at_confidence}{self._remaining}{look}"
         words = done if self.undoes else self.sentence
-        words = f"{words} (by the film inside it)" if self.finding.source is MotionSource.FILM else words
-        turned = self.not_upright if self.upright is None else self.upright.described()
-        return f"{turned}; {words}" if turned else words
+        words = f"{words} (by the video inside it)" if self.finding.source is MotionSource.EMBEDDED_VIDEO else words
+        rotated = self.not_upright if self.upright is None else self.upright.described()
+        return f"{rotated}; {words}" if rotated else words
 
     def as_json(self) -> JsonObject:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
@@ -259,13 +259,13 @@ class Verdict:
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         pose = self.upright
         about = self.reason.as_json() if self.reason is not None else {}
-        film = self.finding.film
+        video = self.finding.video_unused
         source = self.finding.source
         optional = {
             "expected_error_px": rounded(self.error_px, 2) if self.undoes else None,
             "left_px": round(self.left_px, 2) if self.undoes and self.left_px else None,
-            "source": source if source is MotionSource.FILM else None,
-            "film": film and film.as_json(),
+            "source": source if source is MotionSource.EMBEDDED_VIDEO else None,
+            "film": video and video.as_json(),
             "upright": pose and {"roll_deg": round(pose.roll_deg, 1), "tilt_deg": pose.tilt_deg},
             "not_upright": self.not_upright and self.not_upright.as_json(),
             "lean_deg": self.lean and self.lean.deg,
@@ -339,9 +339,9 @@ def _turn_upright(verdict: Verdict, wish: Upright) -> Verdict:
     pose = found.held if verdict.undoes else found.held_at_rest
     if wish == "level" and pose is not None and not verdict.undoes and found.roll is None:
         pose = pose if pose.roll_error_deg is not None else None  # another roll fits as well
-    turned = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, found.roll, found.tilt)
-    if isinstance(turned, Reason):
-        return replace(verdict, not_upright=turned)
-    if turned.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
+    rotated = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, found.roll, found.tilt)
+    if isinstance(rotated, Reason):
+        return replace(verdict, not_upright=rotated)
+    if rotated.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
         return verdict
-    return replace(verdict, upright=turned)
+    return replace(verdict, upright=rotated)

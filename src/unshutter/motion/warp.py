@@ -42,7 +42,7 @@ class Straightened(NamedTuple):
     # is zero
     pixels: UInt[np.ndarray, "new_height new_width *bands"]
     edges: Edges  # ``keep``, ``crop`` or ``fill``: the result of ``auto``, if that was chosen
-    whole: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
+    area_left: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
 
 
 def rectify_pixels(
@@ -82,14 +82,14 @@ def straighten(
     decision = _decision(grid, policy)
     black_beyond = EdgePolicy(decision.edges).black_beyond
     warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
-    return Straightened(warped, decision.edges, decision.whole)
+    return Straightened(warped, decision.edges, decision.area_left)
 
 
 def edge_decision(motion: Motion, edges: Edges, upright: Pose | None = None) -> EdgeDecision:
     """Returns how :func:`straighten` would handle the edges of a photo with this motion."""
     check_edges(edges)
     policy = EdgePolicy(edges)
-    size = motion.readout.frame_size(motion.height, motion.width)
+    size = motion.scan_direction.frame_size(motion.height, motion.width)
     if motion.is_zero and upright is None:
         return policy.without_motion(size)
     return _decision(SamplingGrid.of(gs_to_rs_map(motion, upright), *size), policy)
@@ -107,7 +107,7 @@ def distort_pixels(
         return pixels
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
-    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, black_beyond=0.0)
+    return _warped(pixels, grid, grid.area_left, cv2.INTER_LINEAR, black_beyond=0.0)
 
 
 def sampled_pixels(
@@ -117,20 +117,20 @@ def sampled_pixels(
 
     Positions outside the picture are black, or with ``fill`` show it mirrored at its border.
     """
-    return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, None if fill else 0.0, masked)
+    return _warped(pixels, grid, grid.area_left, cv2.INTER_CUBIC, None if fill else 0.0, masked)
 
 
 def validity_mask(motion: Motion, upright: Pose | None = None) -> Bool[np.ndarray, "height width"]:
     """Computes which pixels of the rectified picture exist in the photo."""
-    size = motion.readout.frame_size(motion.height, motion.width)
+    size = motion.scan_direction.frame_size(motion.height, motion.width)
     return seen_mask(SamplingGrid.of(gs_to_rs_map(motion, upright), *size))
 
 
 def seen_mask(grid: SamplingGrid, beyond: float = 0.0) -> Bool[np.ndarray, "{grid.height} {grid.width}"]:
     """Computes which output pixels are sampled inside the input picture, or up to ``beyond`` px outside."""
     mask = np.empty((grid.height, grid.width), dtype=bool)
-    for tile in grid.whole.tiles():
-        mask[tile.within(grid.whole)] = grid.inside(*grid.positions(tile), beyond=beyond)
+    for tile in grid.area_left.tiles():
+        mask[tile.within(grid.area_left)] = grid.inside(*grid.positions(tile), beyond=beyond)
     return mask
 
 
@@ -139,7 +139,7 @@ def _decision(grid: SamplingGrid, policy: EdgePolicy) -> EdgeDecision:
 
 
 def _check_size(pixels: np.ndarray, motion: Motion) -> None:
-    height, width = motion.readout.frame_size(motion.height, motion.width)
+    height, width = motion.scan_direction.frame_size(motion.height, motion.width)
     if pixels.shape[:2] != (height, width):
         raise UnshutterError(
             f"the motion is for a picture of {width}x{height} px but this one has "

@@ -10,13 +10,13 @@ from unshutter.errors import UsageError
 from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_count, check_time, option
 from unshutter.options.fields import check_values
 from unshutter.options.photo_options import Edges, check_focal, check_ratio
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
 MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
 _LONGEST_S = 1e9
 GYRO_OFF = "off"
-JOIN = "to make a film from pictures: ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 film.mp4"
+JOIN = "to make a video from pictures: ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 video.mp4"
 USUAL_PERIOD_S = 2.0
 _ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
 
@@ -41,7 +41,7 @@ class Shutter:
         "auto",
         "Direction in which the sensor was read out, if an editor has rotated the frames. Default: found from the "
         "clip, otherwise top-to-bottom.",
-        choices=("auto", *Readout),
+        choices=("auto", *ScanDirection),
     )
     focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
     lens: str | None = option(
@@ -216,7 +216,7 @@ class RectifyClip:
     )
     preview: Path | None = option(
         None,
-        "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4).",
+        "Also write before and after side by side: five frames (.jpg, .png), or a video (.mp4).",
         names="output",
         page=False,
     )

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from unshutter.errors import UsageError, shortened
 from unshutter.options.fields import check_time, check_values, option
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio
 
 DEFAULT_ESTIMATOR = "segment-manhattan"
@@ -39,7 +39,7 @@ class Camera:
         "auto",
         "Direction in which the sensor was read out, if an editor has rotated the file. Default: taken from "
         "{--motion} or found in the photo, otherwise top-to-bottom.",
-        choices=("auto", *Readout),
+        choices=("auto", *ScanDirection),
     )
     focal_px: float | None = option(
         None,
@@ -75,13 +75,13 @@ class Camera:
         check_time("readout-ms", self.readout_ms, "ms")
 
     @property
-    def direction(self) -> Readout:
+    def scan_direction(self) -> ScanDirection:
         """The readout direction, with ``auto`` resolved."""
-        return Readout.parse(self.readout)
+        return ScanDirection.parse(self.readout)
 
 
 @dataclass(frozen=True)
-class Odds:
+class DecisionOptions:
     """What decides between undoing a motion and leaving the photo unchanged, apart from the photo."""
 
     # confidence from which a motion is undone, instead of weighing gain against harm; 0: the likeliest, however unsure
@@ -103,13 +103,13 @@ class Find:
         DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.", names="word"
     )
     camera: Camera = field(default_factory=Camera)  # known facts about the camera
-    no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
+    no_film: bool = option(False, "Do not use the video that belongs to a motion photo or Live Photo.")
     candidate: int | None = option(
         None,
         "Undo candidate N from `unshutter estimate --candidates`, however unsure, instead of the first.",
         metavar="N",
     )
-    odds: Odds = field(default_factory=Odds)
+    decision: DecisionOptions = field(default_factory=DecisionOptions)
 
     def __post_init__(self) -> None:
         if self.candidate is not None and self.candidate < 1:
@@ -118,11 +118,13 @@ class Find:
     @property
     def insists(self) -> bool:
         """Whether the user asks for a motion that the photo may not show: by a method, at any confidence, or moving."""
-        return self.estimator != DEFAULT_ESTIMATOR or self.odds.any or self.camera.moving is not None
+        return self.estimator != DEFAULT_ESTIMATOR or self.decision.any or self.camera.moving is not None
 
     def for_least_confidence(self, least: float | None) -> Find:
         """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
-        return replace(self, odds=replace(self.odds, least_confidence=least if self.candidate is None else None))
+        return replace(
+            self, decision=replace(self.decision, least_confidence=least if self.candidate is None else None)
+        )
 
     def check_unused(self) -> None:
         """Checks that only the readout direction is set, as required when no motion is to be found."""

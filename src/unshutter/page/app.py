@@ -28,10 +28,10 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.guard import Guard, Limits
 from unshutter.page.opened import Kind
-from unshutter.page.saves import Item, Saving, Savings, To, photo_result
+from unshutter.page.saves import Destination, Item, SaveTasks, Saving, photo_result
 from unshutter.page.sentences import OTHER_NEIGHBOURS, advice, reason_json
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, refusal
-from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
+from unshutter.page.store import Busy, Full, Missing, OpenFile, ServerState, Urgency
 from unshutter.page.tabs import Tabs, tab_routes
 from unshutter.progress import tell
 from unshutter.reasons import JsonObject
@@ -61,7 +61,7 @@ _HEADERS: dict[int, dict[str, str]] = {503: {"retry-after": "1"}}
 
 
 def application(
-    desk: Desk, token: str, port: int, tabs: Tabs | None = None, patience_s: float = _PATIENCE_S
+    state: ServerState, token: str, port: int, tabs: Tabs | None = None, patience_s: float = _PATIENCE_S
 ) -> ASGIApp:
     """Builds the ASGI application for the whole server."""
     photo = "/api/photos/{id}"
@@ -84,20 +84,20 @@ def application(
         Route(clip, _close, methods=["DELETE"]),
         Route(f"{clip}/before", _before_clip),
         Route(f"{clip}/after", _after_clip),
-        Route(f"{clip}/film", _film),
+        Route(f"{clip}/film", _excerpt),
         Route(f"{clip}/readout", _readout),
         Route(f"{clip}/progress", _progress),
         Route("/api/saves", _save, methods=["POST"]),
         Route(f"{save}/events", _events),
         Route(save, _cancel, methods=["DELETE"]),
         Route(f"{save}/file", _download),
-        *tab_routes(tabs or Tabs(), desk.settings),
+        *tab_routes(tabs or Tabs(), state.settings),
     ]
-    limits = Middleware(Limits, desk.settings, patience_s)
+    limits = Middleware(Limits, state.settings, patience_s)
     kinds = (HTTPException, UnshutterError, OSError, Exception)
     app = Starlette(routes=routes, middleware=[limits], exception_handlers=dict.fromkeys(kinds, _refusal))
-    app.state.desk, app.state.savings = desk, Savings(desk)
-    return Guard(app, token, port, desk.settings.host)
+    app.state.desk, app.state.savings = state, SaveTasks(state)
+    return Guard(app, token, port, state.settings.host)
 
 
 def _files() -> list[Route]:
@@ -124,8 +124,8 @@ async def _about(request: Request) -> Response:
 
 async def _wake(request: Request) -> Response:
     """Loads what the first photo needs, in two workers: one to show the photo, the other to estimate its motion."""
-    lanes = _desk(request).lanes
-    await asyncio.gather(*(lanes.do(Urgency.NOW, photo_jobs.warm) for _ in range(2)))
+    workers = _desk(request).workers
+    await asyncio.gather(*(workers.do(Urgency.NOW, photo_jobs.warm) for _ in range(2)))
     return Response(status_code=204)
 
 
@@ -171,10 +171,10 @@ async def _bursts(request: Request) -> Response:
     ids = (await _json(request)).get("photos")
     if not isinstance(ids, list) or not all(isinstance(id, str) for id in ids):
         raise UsageError("'photos' takes a list of ids of photos")
-    desk = _desk(request)
-    photos = [photo for id in dict.fromkeys(ids) if (photo := desk.store.get(id)).kind == "photo"]
-    with desk.store.used(photos):
-        return JSONResponse(await desk.lanes.do(Urgency.LATER, photo_jobs.bursts, photos))
+    state = _desk(request)
+    photos = [photo for id in dict.fromkeys(ids) if (photo := state.store.get(id)).kind == "photo"]
+    with state.store.used(photos):
+        return JSONResponse(await state.workers.do(Urgency.LATER, photo_jobs.bursts, photos))
 
 
 async def _segments(request: Request) -> Response:
@@ -230,19 +230,21 @@ async def _after_clip(request: Request) -> Response:
     return _shown(*await _do_while_wanted(request, Urgency.NOW if usual else Urgency.LATER, *job))
 
 
-async def _film(request: Request) -> Response:
-    """A WebM film of a few seconds around a moment, each frame before and after."""
-    file = await _do_while_wanted(request, Urgency.LATER, clip_jobs.film, _clip_options(request), _moment(request))
+async def _excerpt(request: Request) -> Response:
+    """A WebM video of a few seconds around a moment, each frame before and after."""
+    file = await _do_while_wanted(request, Urgency.LATER, clip_jobs.excerpt, _clip_options(request), _moment(request))
     return FileResponse(file, media_type="video/webm")
 
 
 async def _readout(request: Request) -> Response:
     """The readout time of the clip's camera, as stated or estimated."""
-    return JSONResponse(await _do_while_wanted(request, Urgency.LATER, clip_jobs.readout, _clip_options(request)))
+    return JSONResponse(
+        await _do_while_wanted(request, Urgency.LATER, clip_jobs.measure_readout_time, _clip_options(request))
+    )
 
 
 async def _progress(request: Request) -> Response:
-    """How far the search for the readout time is, or the film; ``{}`` before either begins."""
+    """How far the search for the readout time is, or the video; ``{}`` before either begins."""
     return JSONResponse(clip_jobs.progress_of(_open_file(request)).read() or {})
 
 
@@ -272,7 +274,7 @@ async def _json(request: Request) -> JsonObject:
     return parsed
 
 
-def _wishes(desk: Desk, body: JsonObject) -> tuple[To, list[Item]]:
+def _wishes(state: ServerState, body: JsonObject) -> tuple[Destination, list[Item]]:
     to = body.get("to")
     photos = body.get("photos")
     if to not in ("file", "zip"):
@@ -281,15 +283,15 @@ def _wishes(desk: Desk, body: JsonObject) -> tuple[To, list[Item]]:
         raise UsageError("'photos' takes a list of photos or clips, at least one")
     if to == "file" and len(photos) > 1:
         raise UsageError("'file' is for one photo or clip: choose zip for several")
-    return to, [_item(desk, each) for each in photos]
+    return to, [_item(state, each) for each in photos]
 
 
-def _item(desk: Desk, each: object) -> Item:
+def _item(state: ServerState, each: object) -> Item:
     id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
     if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options)):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
-    open_file = desk.store.get(id)
-    return open_file, read_clip(options) if open_file.kind == "clip" else read(options, desk.photo_path)
+    open_file = state.store.get(id)
+    return open_file, read_clip(options) if open_file.kind == "clip" else read(options, state.photo_path)
 
 
 def _are_texts(options: JsonObject) -> bool:
@@ -341,7 +343,7 @@ def _saving(request: Request) -> Saving:
 # ---- requests and responses --------------------------------------------------------------------------------------
 
 
-def _desk(request: Request) -> Desk:
+def _desk(request: Request) -> ServerState:
     return request.app.state.desk
 
 
@@ -351,7 +353,7 @@ def _open_file(request: Request) -> OpenFile:
 
 async def _do(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: object) -> R:
     """Runs a job on the open photo or clip whose id is in the address."""
-    return await _desk(request).lanes.do(urgency, job, _open_file(request), *arguments)
+    return await _desk(request).workers.do(urgency, job, _open_file(request), *arguments)
 
 
 async def _do_while_wanted(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: object) -> R:

@@ -1,4 +1,4 @@
-"""Jobs on a clip: a few moments and short films to look at, the readout time, and the whole clip."""
+"""Jobs on a clip: a few moments and short videos to look at, the readout time, and the whole clip."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from unshutter.video.clip_facts import ClipFacts
     from unshutter.video.clip_motion import MovingFrame
     from unshutter.video.plan import Plan
-    from unshutter.video.survey import Survey
+    from unshutter.video.survey import SampledFrames
 
 MOMENTS = 5  # number of moments of a clip that are shown
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
-_FILM_S = 8.0  # longest film
-_FILM_FRAMES = 480
-_FILM_SIDE = 640  # px, longer side of either half
+_EXCERPT_S = 8.0  # longest video
+_EXCERPT_FRAMES = 480
+_EXCERPT_SIDE = 640  # px, longer side of either half
 _QUALITY = "22"  # constant quality at any bit rate: with a fixed bit rate, VP9's fastest setting shows blocks
 
 
@@ -75,12 +75,12 @@ def after(
         moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
         motion = warper.motion(moving)
         if options.may_enlarge and options.steadiness.stabilize is None:
-            height, width = motion.readout.frame_size(clip.height, clip.width)
-            path = CameraPath(undo, motion.readout, width / height)
+            height, width = motion.scan_direction.frame_size(clip.height, clip.width)
+            path = CameraPath(undo, motion.scan_direction, width / height)
             path.add(moving.found, moving.step, moving.cut, 0.0)
             moving = replace(moving, view=Enlargement.least(path, clip.height, clip.width).of(None))
         if not motion.is_zero:
-            motion = motion.resized(*motion.readout.frame_size(clip.height, clip.width))
+            motion = motion.resized(*motion.scan_direction.frame_size(clip.height, clip.width))
         pixels = _small(of_file(warper.rectified(moving).picture), longest, of_file(moving.frame))
         result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
         if moving.found.reason is not None:
@@ -89,7 +89,7 @@ def after(
         return as_jpeg(pixels), result
 
 
-def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
+def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObject:
     """Returns the readout time of a clip's camera, its error and its source, and the clip's wobble as JSON."""
     from unshutter.video.clip import ClipRequest
 
@@ -97,7 +97,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
         request = _as_usual(ClipRequest.of(clip, options, progress_of(open_file)))
         _planned(open_file, request)
         camera, _, wobble_px = _found_in(open_file, request)
-        time = camera.readout
+        time = camera.readout_time
         return {
             "ratio": time.ratio(clip.interval_s).value,
             "ms": time.ms,
@@ -114,10 +114,10 @@ def readout(open_file: OpenFile, options: RectifyClip) -> JsonObject:
         }
 
 
-def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
-    """Returns the path of a WebM film around a moment, with each frame before (left) and after (right), upright."""
+def excerpt(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
+    """Returns the path of a WebM video around a moment, with each frame before (left) and after (right), upright."""
     with _look(open_file) as clip:
-        file = open_file.path.with_name(f"film-{hash_options(options, moment)}.webm")
+        file = open_file.path.with_name(f"video-{hash_options(options, moment)}.webm")
         if not file.exists():
             pairs = _pairs(open_file, clip, options, moment)
             put(file, lambda part: _write(part, pairs, clip.interval_s))
@@ -139,24 +139,24 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 @contextmanager
 def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
     """Looks at the clip; errors in the block refer to files by names that the user recognises."""
-    from unshutter.video.clip_facts import look
+    from unshutter.video.clip_facts import read_clip_facts
 
     with errors_of(open_file):
-        yield look(open_file.path)
+        yield read_clip_facts(open_file.path)
 
 
 def progress_of(open_file: OpenFile) -> ProgressFile:
-    """Returns the file that says how far the search for the readout time, or the film, is."""
+    """Returns the file that says how far the search for the readout time, or the video, is."""
     return ProgressFile(open_file.path.with_name("progress.json"))
 
 
-def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Survey, float | None]:
+def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, SampledFrames, float | None]:
     """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble: found once, and kept."""
     from unshutter.video.camera import find_camera, parts_to_survey
     from unshutter.video.clip_gyro import log_of_clip
     from unshutter.video.readout import wobble_in_survey
 
-    def find() -> tuple[ClipCamera, Survey, float | None]:
+    def find() -> tuple[ClipCamera, SampledFrames, float | None]:
         camera, evidence = find_camera(request)
         return camera, evidence, wobble_in_survey(evidence, camera.complete(request).frame_size[0])
 
@@ -189,14 +189,14 @@ def _as_usual(request: ClipRequest) -> ClipRequest:
 
 
 def _shown_plan(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Plan]:
-    """Returns a clip's camera, and the plan by which its moments and films are shown."""
+    """Returns a clip's camera, and the plan by which its moments and videos are shown."""
     from unshutter.video.gain import is_tested
     from unshutter.video.plan import Leave, Undo
 
     _, camera, plan = _planned(open_file, _as_usual(request))
     if is_tested(request.options):
         return camera, plan
-    declined = camera.readout.declined
+    declined = camera.readout_time.declined
     return camera, Undo() if declined is None else Leave(declined)
 
 
@@ -230,7 +230,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
         camera, plan = _shown_plan(open_file, request)
     if isinstance(plan, Leave):
         return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason))
-    time = camera.readout
+    time = camera.readout_time
     file = open_file.path.with_name(f"moment-{hash_options(options.shutter, time, time_s, usual)}.json")
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Finding.from_json(file.read_text(encoding="utf-8")))
@@ -252,7 +252,7 @@ def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.
     return upright(frame.reformat(width, height, format="rgb24").to_ndarray(), turned_as)
 
 
-# ---- the film ----------------------------------------------------------------------------------------------------
+# ---- the video ----------------------------------------------------------------------------------------------------
 
 
 def _pairs(
@@ -273,8 +273,8 @@ def _pairs(
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
     # what would be cropped is black: the area common to all frames is known only once the whole clip has been read
     beyond = EdgePolicy("keep" if options.undo.edges == "crop" else options.undo.edges).black_beyond
-    first = max(_moment_time(clip, options, moment) - _FILM_S / 2, start_s)
-    last = min(first + min(_FILM_S, _FILM_FRAMES * clip.interval_s), end_s)
+    first = max(_moment_time(clip, options, moment) - _EXCERPT_S / 2, start_s)
+    last = min(first + min(_EXCERPT_S, _EXCERPT_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
     request = ClipRequest.of(clip, options, progress)
     request.work.expect(expected(replace(request, options=part), Undo()) | {Stage.ENCODE: 0})
@@ -290,7 +290,7 @@ def _pairs(
     steps = request.steps("film", Stage.DRAW)
     for moving in rendering.moving(clip.frames_between(first, last)):
         frame = of_file(moving.frame)
-        scale = min(_FILM_SIDE / max(frame.height, frame.width), 1.0)
+        scale = min(_EXCERPT_SIDE / max(frame.height, frame.width), 1.0)
         height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
         before = frame.reformat(width, height, format="rgb24").to_ndarray()
         after = np.empty_like(before)
@@ -303,7 +303,7 @@ def _pairs(
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:
-    from unshutter.video.film_file import encode_pairs
+    from unshutter.video.video_writer import encode_pairs
 
     # a sixth of the work of VP8's fastest setting; keyframes are frequent enough for scrubbing
     settings = {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "g": "15", "crf": _QUALITY, "b": "0"}

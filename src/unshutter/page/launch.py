@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from unshutter.errors import MissingFileError, UnshutterError
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.page.instance import RunningPage, described_page, leave_files, state_folder, write_link
 from unshutter.progress import tell
 from unshutter.run.inputs import PHOTO_SUFFIXES
@@ -44,7 +44,7 @@ def _files_at(path: Path) -> list[Path]:
     """Returns the file, or the photos and clips of a folder; raises UnshutterError if there are none."""
     check_plain(path)
     if path.is_dir():
-        known = PHOTO_SUFFIXES | set(FILM_FORMATS)
+        known = PHOTO_SUFFIXES | set(VIDEO_FORMATS)
         files = [each.absolute() for each in sorted(path.rglob("*")) if _is_shown(each, path, known)]
         if not files:
             raise UnshutterError("there are no photos or clips in {folder}", folder=path)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from unshutter.errors import errors_in_one_line
 from unshutter.options import Neighbours
-from unshutter.orientation import Orientation, Readout
+from unshutter.orientation import Orientation, ScanDirection
 from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, refusing
 from unshutter.photo.photo import open_photo
@@ -193,4 +193,6 @@ def corners_of(window: tuple[float, float, float, float], orientation: int) -> l
 def arrows(orientation: int) -> dict[str, str]:
     """Maps each readout direction to its direction in the upright picture: up, down, left or right."""
     upright = Orientation(orientation).upright_direction
-    return {str(readout): _ARROWS[upright(*_READ[readout.quarter_turns])] for readout in Readout}
+    return {
+        str(scan_direction): _ARROWS[upright(*_READ[scan_direction.quarter_turns])] for scan_direction in ScanDirection
+    }

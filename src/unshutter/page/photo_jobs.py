@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.options import LEAST_GOOD_CROP, Find, Odds, Rectify, Undo
+from unshutter.options import LEAST_GOOD_CROP, DecisionOptions, Find, Rectify, Undo
 from unshutter.orientation import Orientation
 from unshutter.page.opened import (
     OpenFile,
@@ -94,7 +94,7 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
     from unshutter.motion.verdict import Certainty, judge
 
     find = options.rectify.find
-    find = replace(find, candidate=None, odds=Odds())
+    find = replace(find, candidate=None, decision=DecisionOptions())
     with errors_of(open_file):
         possible = _find_motion(open_file, opened(open_file), find).candidates
         verdicts = [judge(each.finding, options.undo) for each in possible]
@@ -175,10 +175,10 @@ def after(
             finding, undo = _find(open_file, photo, options)
             pixels, result = _rectify_alone(photo, small_copy(open_file, photo, longest), finding, undo, draft)
             shape = {name: round(value, 3) for name, value in _shape(finding.motion).items()}
-            result |= {"shape": shape, "readout": str(finding.motion.readout)}
+            result |= {"shape": shape, "readout": str(finding.motion.scan_direction)}
             if options.hand.lines:
                 result["lines"] = _straighten_lines(open_file, photo, asked.find, options.hand.lines)[1]
-        uncropped = {"edges": None, "whole": None, "little_left": False, "crop": None}
+        uncropped = {"edges": None, "area_left": None, "little_left": False, "crop": None}
         return as_jpeg(pixels, photo.orientation), uncropped | result
 
 
@@ -201,7 +201,7 @@ def _rectify_alone(
     if not draft:
         decision = edge_decision(motion, undo.edges, upright)
         result = result | _edges_json(decision, (photo.height, photo.width), photo.orientation)
-        motion = motion.resized(*motion.readout.frame_size(height, width))
+        motion = motion.resized(*motion.scan_direction.frame_size(height, width))
     shown = straighten(pixels, motion, "fill" if undo.edges == "fill" else "keep", upright=upright).pixels
     if not draft and decision.edges == "crop":
         shown = _rim_repeated(shown, validity_mask(motion, upright), decision.window, (photo.height, photo.width))
@@ -233,14 +233,14 @@ def _rectify_between(
             found = with_ratio([opened(each) for each in files], whole).time
             return None if found is None else vars(found)
 
-        key = frames, options.undo, focal_px, sequence.readout, sequence.model, sequence.at, sequence.alone
+        key = frames, options.undo, focal_px, sequence.scan_direction, sequence.model, sequence.at, sequence.alone
         known = kept(open_file, "ratio", key, find_ratio)
         ratio = None if known is None else ReadoutRatio(**{**known, "source": ReadoutSource(known["source"])})
         sequence = replace(sequence, time=ratio)
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
     verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
-    result = {**verdict_json(verdict), "neighbours": True, "shape": None, "readout": str(sequence.readout)}
+    result = {**verdict_json(verdict), "neighbours": True, "shape": None, "readout": str(sequence.scan_direction)}
     result["ratio"] = None if ratio is None else {"value": round(ratio.value, 3), "source": ratio.source}
     if not frame.changed:
         return frame.pixels, result
@@ -295,7 +295,7 @@ def _finding_json(verdict: Verdict) -> JsonObject:
     rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
     return {
         "attitude": {"roll_deg": roll_deg, "tilt_deg": tilt_deg, "from": found.attitude_from},
-        "film": reason_json(found.film) if found.film else None,
+        "film": reason_json(found.video_unused) if found.video_unused else None,
         "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
         "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
     }
@@ -306,8 +306,8 @@ def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int)
     (height, width), window = size, decision.window
     shares_left = window.left / width, window.top / height, window.right / width, window.bottom / height
     crop = corners_of(shares_left, orientation) if decision.edges in ("crop", "borrow") else None
-    little = decision.whole is not None and decision.whole < LEAST_GOOD_CROP
-    return {"edges": decision.edges, "whole": decision.whole, "little_left": little, "crop": crop}
+    little = decision.area_left is not None and decision.area_left < LEAST_GOOD_CROP
+    return {"edges": decision.edges, "area_left": decision.area_left, "little_left": little, "crop": crop}
 
 
 # ---- the motion ------------------------------------------------------------------------------------------------
@@ -409,10 +409,10 @@ def _adjust(finding: Finding, hand: ByHand) -> Finding:
     u = np.linspace(0, 1, motion.height)
     wanted = shape | {name: value for name in shape if (value := getattr(hand, name)) is not None}
     lean = math.tan(math.radians(wanted["lean_deg"])) - math.tan(math.radians(shape["lean_deg"]))
-    bend, turn = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
+    bend, rotation = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
     tx_px = motion.tx_px + motion.height * (lean * u + bend / 100 * 4 * u * (1 - u))
-    rz_rad = motion.rz_rad + math.radians(turn) * u
-    adjusted = RowMotion(motion.width, tx_px, rz_rad, readout=motion.readout)
+    rz_rad = motion.rz_rad + math.radians(rotation) * u
+    adjusted = RowMotion(motion.width, tx_px, rz_rad, scan_direction=motion.scan_direction)
     try:
         adjusted.check_unfolded()
     except UnshutterError:

@@ -19,12 +19,12 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions, refusal
-from unshutter.page.store import Busy, Desk, Missing, OpenFile, Urgency
+from unshutter.page.store import Busy, Missing, OpenFile, ServerState, Urgency
 from unshutter.photo.formats import of_suffix
 from unshutter.reasons import JsonObject
-from unshutter.run.inputs import MOST_BYTES, film_name, fitting, picture_name, unchanged_name
+from unshutter.run.inputs import MOST_BYTES, fitting, picture_name, unchanged_name, video_name
 
-To: TypeAlias = Literal["file", "zip"]
+Destination: TypeAlias = Literal["file", "zip"]
 Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and its options
 
 _ZIP_NAME = "unshutter.zip"
@@ -38,7 +38,7 @@ class Saving:
     """A task that saves photos and clips."""
 
     id: str  # identifier used by the page
-    to: To  # destination; ``file`` is for a single photo or clip
+    to: Destination  # destination; ``file`` is for a single photo or clip
     folder: Path  # temporary folder for the results
     items: list[Item]  # the photos and clips, with the options of each
     only_changed: bool = False  # whether those that are left unchanged are left out
@@ -78,11 +78,11 @@ class Saving:
         else:
             self.forget()
 
-    async def run(self, desk: Desk) -> None:
+    async def run(self, state: ServerState) -> None:
         """Saves all items, and records the outcome in ``state``."""
         try:
             for open_file, options in self.items:
-                self.done.append(_named(open_file) | await self._one(desk, open_file, options))
+                self.done.append(_named(open_file) | await self._one(state, open_file, options))
                 self.now = self.progress = None
                 self._wake()
             self.state = "finished"
@@ -96,12 +96,12 @@ class Saving:
             self.kept.close()
             self._wake()
 
-    async def _one(self, desk: Desk, open_file: OpenFile, options: PhotoOptions | RectifyClip) -> JsonObject:
+    async def _one(self, state: ServerState, open_file: OpenFile, options: PhotoOptions | RectifyClip) -> JsonObject:
         try:
             if isinstance(options, RectifyClip):
                 target = self._free_name(clip_result(open_file.name))
                 options = replace(options, only_changed=self.only_changed or self.to == "file")
-                report = await self._clip(desk, open_file, target, options)
+                report = await self._clip(state, open_file, target, options)
                 may_be_copy = options.may_be_copy and options.steadiness.stabilize is None
                 is_unchanged = self.to == "zip" and may_be_copy and not report["rectified"]
                 report |= await asyncio.to_thread(self._clip_result, target, open_file if is_unchanged else None)
@@ -110,7 +110,7 @@ class Saving:
                 format = options.save.format
                 unchanged = None if self.only_changed else self._free_name(unchanged_name(PurePosixPath(name), format))
                 places = self._free_name(photo_result(name, format)), unchanged
-                report = await desk.lanes.do(Urgency.LATER, photo_jobs.save, open_file, *places, options)
+                report = await state.workers.do(Urgency.LATER, photo_jobs.save, open_file, *places, options)
         except UnshutterError as error:
             return refusal(error)
         except OSError as error:
@@ -132,11 +132,11 @@ class Saving:
     def _free_name(self, name: str) -> Path:
         return free_name(self.folder, name, [report.get("result", "") for report in self.done])
 
-    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, options: RectifyClip) -> JsonObject:
+    async def _clip(self, state: ServerState, open_file: OpenFile, target: Path, options: RectifyClip) -> JsonObject:
         """Saves one clip, updating ``now`` and ``progress``."""
         note = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
         note.file.unlink(missing_ok=True)
-        work = desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, open_file, target, options, note)
+        work = state.clip_workers.do(Urgency.LATER, clip_jobs.rectified, open_file, target, options, note)
         job = asyncio.create_task(work)
         clock = asyncio.get_running_loop()
         last_change_s = clock.time()
@@ -160,14 +160,14 @@ class Saving:
         self.changed = asyncio.Event()
 
 
-class Savings:
+class SaveTasks:
     """Registry of saving tasks by id: those that are running, and the last few that ended."""
 
-    def __init__(self, desk: Desk):
-        self._desk = desk
+    def __init__(self, state: ServerState):
+        self._desk = state
         self._savings: dict[str, Saving] = {}
 
-    def begin(self, to: To, items: list[Item], only_changed: bool = False) -> Saving:
+    def begin(self, to: Destination, items: list[Item], only_changed: bool = False) -> Saving:
         """Starts a new task. The files of its items may be closed at once."""
         self._make_room()
         id = secrets.token_urlsafe(9)
@@ -223,7 +223,7 @@ def photo_result(name: str, format: str | None) -> str:
 
 def clip_result(name: str) -> str:
     """Returns the name of a clip's result: ``walk.rectified.mp4``."""
-    from unshutter.video.film_file import check_ending
+    from unshutter.video.video_writer import check_ending
 
     pure = PurePosixPath(name)
     try:
@@ -231,7 +231,7 @@ def clip_result(name: str) -> str:
     except UnshutterError:
         problem = f"the name '{name}' has no extension: add one such as .mp4"
         raise UsageError(problem) from None
-    return film_name(pure)
+    return video_name(pure)
 
 
 def free_name(folder: Path, name: str, taken: Iterable[str]) -> Path:

@@ -15,7 +15,7 @@ _SENTENCES = {
     Code.TOO_FEW_SEGMENTS: "only {segments} straight lines were found",
     Code.TOO_ASKEW: "not levelled: held askew by {deg:.0f}°",
     Code.TOO_STEEP: "not made upright: tilted by {deg:.0f}°",
-    Code.FILM_STOOD_STILL: "the camera stood still, as the film inside it shows",
+    Code.EMBEDDED_VIDEO_STOOD_STILL: "the camera stood still, as the video inside it shows",
     Code.IMPOSSIBLE_MOTION: "no camera moves like that: {detail}",
     Code.ASKED_FOR_NOTHING: "that is what you asked for",
     Code.NO_MOTION: "the camera did not move",

@@ -18,7 +18,7 @@ from unshutter.errors import UnshutterError
 from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder, write_link
 from unshutter.page.launch import open_page
 from unshutter.page.settings import Settings
-from unshutter.page.store import Desk, temporary_folder
+from unshutter.page.store import ServerState, temporary_folder
 from unshutter.progress import tell
 
 if TYPE_CHECKING:
@@ -59,9 +59,9 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
     logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # nobody needs a log of requests
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
-        desk = Desk.open(settings, folder)
+        state = ServerState.open(settings, folder)
         config = uvicorn.Config(
-            application(desk, token, port, tabs),
+            application(state, token, port, tabs),
             log_config=None,
             access_log=False,
             server_header=False,
@@ -81,7 +81,7 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
         try:
             asyncio.run(_until_asked_to_stop(server, listener, tabs))
         finally:
-            desk.close()
+            state.close()
             if link_file is not None:
                 link_file.unlink(missing_ok=True)
     return 0

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from unshutter.errors import UnshutterError, UsageError, as_flag, shortened, visible
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, check_count, option
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
@@ -195,7 +195,7 @@ def _value(option: Option, text: str) -> object:
 @cache
 def page_module() -> str:
     """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values;
-    and ``films``, the endings of films' names.
+    and ``videos``, the endings of videos' names.
     """
     choices = {"estimator": {"enum": names()}}
     known = {"camera": sorted({mode.name for mode in table()})}
@@ -208,7 +208,7 @@ def page_module() -> str:
             for option, group in _with_groups(kind)
         }
         lines.append(f"export const {word} = {json.dumps(described)};\n")
-    lines.append(f"export const films = {json.dumps(list(FILM_FORMATS))};\n")
+    lines.append(f"export const videos = {json.dumps(list(VIDEO_FORMATS))};\n")
     return "".join(lines)
 
 

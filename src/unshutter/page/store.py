@@ -48,7 +48,7 @@ _MOST_CLIPS, _CLIP_TIMEOUT_S, _CLIP_REST_S = 8, 86_400.0, 5.0  # for whole clips
 
 _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
-_FILM = re.compile(r"\.[a-z0-9]{2,5}")  # plausible suffix of a clip
+_VIDEO = re.compile(r"\.[a-z0-9]{2,5}")  # plausible suffix of a clip
 
 _UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
 _LONGEST_NAME, _LONGEST_SUFFIX = 120, 10  # characters
@@ -63,27 +63,27 @@ class Missing(UnshutterError):
 
 
 @dataclass
-class Desk:
+class ServerState:
     """The server's shared state."""
 
     settings: Settings  # the user's settings
     store: Store  # the open photos and clips
-    lanes: Lanes  # workers for photos and for single moments of clips
-    long_lanes: Lanes  # worker for whole clips, one at a time, using all processors
+    workers: WorkerPool  # workers for photos and for single moments of clips
+    clip_workers: WorkerPool  # worker for whole clips, one at a time, using all processors
 
     @classmethod
-    def open(cls, settings: Settings, folder: Path) -> Desk:
+    def open(cls, settings: Settings, folder: Path) -> ServerState:
         """Creates the state with no open files; ``folder`` is where they will be stored."""
         store = Store(
             folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes), settings.max_pixels
         )
-        lanes = Lanes(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S)
-        return cls(settings, store, lanes, Lanes(1, _CLIP_TIMEOUT_S, _MOST_CLIPS, _CLIP_REST_S))
+        workers = WorkerPool(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S)
+        return cls(settings, store, workers, WorkerPool(1, _CLIP_TIMEOUT_S, _MOST_CLIPS, _CLIP_REST_S))
 
     def close(self) -> None:
         """Stops all workers."""
-        self.lanes.close()
-        self.long_lanes.close()
+        self.workers.close()
+        self.clip_workers.close()
 
     def photo_path(self, id: str) -> Path:
         """Returns the path of the open photo with this id."""
@@ -114,7 +114,7 @@ class Store:
         id = secrets.token_urlsafe(9)
         name = clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
-        is_known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
+        is_known = _VIDEO.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
         open_file = OpenFile(id, kind, name, self.folder / id / f"{kind}{suffix if is_known else ''}", self.max_pixels)
         self._sizes[id] = 0
         try:
@@ -226,7 +226,7 @@ class Busy(UnshutterError):
     """The job queue is full."""
 
 
-class _Lane:
+class _Worker:
     """A worker process, started on demand and stopped when idle for a while."""
 
     def __init__(self, workers: Workers):
@@ -275,20 +275,20 @@ class _Lane:
             each.join()
 
 
-class Lanes:
+class WorkerPool:
     """A pool of lanes with a queue of jobs, which takes ``most_waiting``; idle lanes are stopped after ``rest_s``."""
 
     def __init__(self, count: int, timeout_s: float, most_waiting: int, rest_s: float):
         self._stack = ExitStack()
         self._free = [
-            _Lane(self._stack.enter_context(processes(1, timeout_s, all_processors=True))) for _ in range(count)
+            _Worker(self._stack.enter_context(processes(1, timeout_s, all_processors=True))) for _ in range(count)
         ]
         self._all = list(self._free)
         self._most_waiting = most_waiting
         self._rest_s = rest_s
-        self._waiting: list[tuple[Urgency, int, asyncio.Future[_Lane]]] = []
+        self._waiting: list[tuple[Urgency, int, asyncio.Future[_Worker]]] = []
         self._numbers = itertools.count()
-        self._rests: dict[_Lane, asyncio.TimerHandle] = {}
+        self._rests: dict[_Worker, asyncio.TimerHandle] = {}
 
     async def do(self, urgency: Urgency, work: Callable[..., R], *arguments: object) -> R:
         """Runs a job in a worker process as soon as one is free."""
@@ -304,18 +304,18 @@ class Lanes:
             lane.close()
         self._stack.close()
 
-    async def _free_lane(self, urgency: Urgency) -> _Lane:
+    async def _free_lane(self, urgency: Urgency) -> _Worker:
         if len(self._waiting) >= self._most_waiting:
             raise Busy("too many requests at once: try again in a moment")
-        turn: asyncio.Future[_Lane] = asyncio.get_running_loop().create_future()
-        heapq.heappush(self._waiting, (urgency, next(self._numbers), turn))
+        rotation: asyncio.Future[_Worker] = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._waiting, (urgency, next(self._numbers), rotation))
         self._assign()
         try:
-            return await turn
+            return await rotation
         except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():
-                self._release(turn.result())
-            self._waiting = [entry for entry in self._waiting if entry[2] is not turn]
+            if rotation.done() and not rotation.cancelled():
+                self._release(rotation.result())
+            self._waiting = [entry for entry in self._waiting if entry[2] is not rotation]
             heapq.heapify(self._waiting)
             raise
 
@@ -323,14 +323,14 @@ class Lanes:
         while self._waiting and self._free:
             if self._waiting[0][0] is Urgency.LATER and len(self._free) == 1 < len(self._all):
                 return
-            _, _, turn = heapq.heappop(self._waiting)
-            if not turn.done():
+            _, _, rotation = heapq.heappop(self._waiting)
+            if not rotation.done():
                 lane = self._free.pop()  # the most recently used, so that the others can stay idle
                 if lane in self._rests:
                     self._rests.pop(lane).cancel()
-                turn.set_result(lane)
+                rotation.set_result(lane)
 
-    def _release(self, lane: _Lane) -> None:
+    def _release(self, lane: _Worker) -> None:
         self._free.append(lane)
         self._rests[lane] = asyncio.get_running_loop().call_later(self._rest_s, lane.end)
         self._assign()

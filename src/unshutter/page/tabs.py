@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.page.instance import files_for, forget_link
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ async def _file(request: Request, tabs: Tabs, settings: Settings) -> Response:
     if number >= len(files) or not files[number].is_file():
         raise HTTPException(404, "this file is not there any more")
     path = files[number]
-    most = settings.max_clip_bytes if PurePath(path.name).suffix.lower() in FILM_FORMATS else settings.max_bytes
+    most = settings.max_clip_bytes if PurePath(path.name).suffix.lower() in VIDEO_FORMATS else settings.max_bytes
     if path.stat().st_size > most:
         raise HTTPException(413, f"it has more than {most / 1e6:g} MB")
     return FileResponse(path)

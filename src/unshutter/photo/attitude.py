@@ -17,7 +17,7 @@ import re
 from dataclasses import dataclass
 
 from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
-from unshutter.orientation import Orientation, Readout
+from unshutter.orientation import Orientation, ScanDirection
 from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF
 
@@ -38,7 +38,7 @@ class Attitude:
     tilt_deg: float | None  # angle above the horizon, -90 is straight down [degrees]; None: unknown
     source: str  # device that measured it
     # direction in which the stored pixels were read out, if gravity shows that they were rotated since
-    readout: Readout = Readout.TOP_TO_BOTTOM
+    scan_direction: ScanDirection = ScanDirection.TOP_TO_BOTTOM
 
 
 def of_photo(
@@ -78,8 +78,8 @@ def _in_picture(
     is_clear = upright >= _CLEAR_SHARE and abs(off_quarter) <= _CLEAR_DEG
     if orientation is Orientation.NORMAL and height > width and is_clear:
         # sensors are landscape: software has rotated these pixels upright, without noting it in the tag
-        readout = Readout.RIGHT_TO_LEFT if roll > 0 else Readout.LEFT_TO_RIGHT
-        return Attitude(off_quarter, tilt, source, readout)
+        scan_direction = ScanDirection.RIGHT_TO_LEFT if roll > 0 else ScanDirection.LEFT_TO_RIGHT
+        return Attitude(off_quarter, tilt, source, scan_direction)
     return None
 
 

@@ -1,6 +1,6 @@
 """Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files, and the items in those of AVIF and HEIC.
 
-Results contain only the primary picture and its metadata. Everything else (maps, mattes, further pictures, films) is
+Results contain only the primary picture and its metadata. Everything else (maps, mattes, further pictures, videos) is
 only reported by name: maps and mattes fit only the old pixels, and nothing here can write the rest.
 
 Source: ISO/IEC 14496-12 (boxes; iinf, iloc), ISO/IEC 23008-12 (HEIF: items, properties, references, auxiliary images),
@@ -82,7 +82,7 @@ def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
     return _HEAD, size or left, name
 
 
-def look(source: Source) -> tuple[BoxCoding, tuple[str, ...]]:
+def inspect_boxes(source: Source) -> tuple[BoxCoding, tuple[str, ...]]:
     """Returns the coding of the primary picture, and names of additional content; rejects sequences of pictures."""
     with source.stream() as stream:
         if _ANIMATION.match(stream.read(12)):
@@ -179,7 +179,7 @@ _ALPHA = (":auxid:1", ":auxiliary:alpha")  # endings of the types of auxiliary p
 _DEPTH = (":auxid:2", ":auxiliary:depth")
 _METADATA = {b"Exif": "a second EXIF", b"mime": "a second XMP"}  # names for further items of these kinds
 _XMP = b"application/rdf+xml"
-_FILMS = (b"moov", b"mpvd")
+_VIDEOS = (b"moov", b"mpvd")
 _STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
 _LONGEST_NAME = 40
 
@@ -212,7 +212,7 @@ def extras_in_words(file: BinaryIO) -> tuple[str, ...]:
 
 def _of_boxes(file: BinaryIO) -> Iterator[str]:
     for name, _, _ in top_level_extents(file):
-        if name in _FILMS:
+        if name in _VIDEOS:
             yield "film"
         elif name not in _STRUCTURE:
             yield f"data of other programs (box {printable(name)})"

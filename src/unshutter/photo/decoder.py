@@ -67,17 +67,17 @@ def recognise(source: Source) -> Format:
         raise UnshutterError(f"cannot read {{photo}}: {error}", photo=source) from None
     if not head:
         raise UnshutterError("{photo} is empty (0 bytes)", photo=source)
-    if format is None and _is_film(head):
+    if format is None and _is_video(head):
         raise UnshutterError(
-            "{photo} is a film, not a photo: use unshutter video, or in Python unshutter.rectify_clip", photo=source
+            "{photo} is a video, not a photo: use unshutter video, or in Python unshutter.rectify_clip", photo=source
         )
     if format is None:
         raise UnshutterError("{photo} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture", photo=source)
     return format
 
 
-def _is_film(head: bytes) -> bool:
-    """Whether a file of none of these formats begins like a film: MP4 or QuickTime, Matroska, AVI."""
+def _is_video(head: bytes) -> bool:
+    """Whether a file of none of these formats begins like a video: MP4 or QuickTime, Matroska, AVI."""
     boxed = head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide")
     return boxed or head.startswith(b"\x1a\x45\xdf\xa3") or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
 

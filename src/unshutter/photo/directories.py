@@ -294,14 +294,14 @@ def in_classic(directory: Directory, order: str) -> Directory:
 
 def in_other_order(directory: Directory) -> Directory:
     """Converts a directory to the other byte order; opaque data (maker notes) are left unchanged."""
-    turned: Directory = {}
+    rotated: Directory = {}
     for tag, entry in directory.items():
         if isinstance(entry, dict):
-            turned[tag] = in_other_order(entry)
+            rotated[tag] = in_other_order(entry)
         else:
             unit = _UNIT[entry.kind]
             data = bytearray(entry.data)
             for byte in range(unit):
                 data[byte::unit] = entry.data[unit - 1 - byte :: unit]
-            turned[tag] = Entry(entry.kind, entry.count, bytes(data))
-    return turned
+            rotated[tag] = Entry(entry.kind, entry.count, bytes(data))
+    return rotated

@@ -14,10 +14,10 @@ from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, Save
 from unshutter.orientation import Orientation
-from unshutter.photo import attitude, decoder, exif, exposure, saving
+from unshutter.photo import attitude, decoder, exif, exposure, readout_times, saving
 from unshutter.photo.attitude import Attitude
 from unshutter.photo.decoder import Decoder, grey_copy, grey_size, read_header
-from unshutter.photo.film import PhotoFilm, film_of
+from unshutter.photo.embedded_video import EmbeddedVideo, embedded_video
 from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source, as_image, with_bands
 from unshutter.photo.saving import FileOutput
@@ -222,11 +222,11 @@ class Photo(FileOutput):
             image.info["icc_profile"] = self._metadata.icc
         return image
 
-    def film(self) -> PhotoFilm | None:
-        """Returns the film that belongs to the photo; None if there is none."""
+    def embedded_video(self) -> EmbeddedVideo | None:
+        """Returns the video that belongs to the photo; None if there is none."""
         source = self._decoder.source if self._decoder is not None else None
         metadata = self._metadata
-        return film_of(source, self.format, metadata.film, metadata.xmp, metadata.exif)
+        return embedded_video(source, self.format, metadata.video, metadata.xmp, metadata.exif)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """Returns a luminance copy (Rec. 601) of the stored pixels, antialiased; transparent areas are mid-grey.
@@ -299,11 +299,11 @@ class Photo(FileOutput):
 
     def camera(self) -> str:
         """Returns make and model of the camera, from EXIF; empty if unknown."""
-        return exposure.camera(self._metadata.exif)
+        return readout_times.camera(self._metadata.exif)
 
     def camera_in_words(self) -> str:
         """Returns the camera for a sentence, from EXIF: ``a Canon PowerShot A70``."""
-        return exposure.camera_in_words(self._metadata.exif)
+        return readout_times.camera_in_words(self._metadata.exif)
 
     def setting(self) -> tuple[object, ...] | None:
         """Returns what photos of a burst have in common, from EXIF; None if this cannot be one of them."""
@@ -319,7 +319,7 @@ class Photo(FileOutput):
 
     def readout_time(self) -> ReadoutTime:
         """Returns the likely readout time for the kind of camera named in EXIF."""
-        return exposure.readout_time(self._metadata.exif)
+        return readout_times.readout_time(self._metadata.exif)
 
     @cached_property
     def attitude(self) -> Attitude | None:

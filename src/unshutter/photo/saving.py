@@ -172,12 +172,12 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     packet = metadata.xmp
     resources = metadata.resources
     if packet is not None:
-        film = metadata.film if "film" in format.holds else None
-        left_out += xmp.lost(packet, film is not None)
+        video = metadata.video if "film" in format.holds else None
+        left_out += xmp.lost(packet, video is not None)
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.updated(
-            packet, xmp.NextPicture(image.height, image.width, xmp_orientation, is_new, film and film.place)
+            packet, xmp.NextPicture(image.height, image.width, xmp_orientation, is_new, video and video.place)
         )
         if packet is None:
             left_out.append("XMP (damaged)")

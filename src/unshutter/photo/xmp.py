@@ -191,21 +191,21 @@ _FOLLOWS = re.compile(
 _WIDTHS = ("exif:PixelXDimension", "tiff:ImageWidth")
 _HEIGHTS = ("exif:PixelYDimension", "tiff:ImageLength")
 _SMALL_OR_ELSEWHERE = ("xmp:Thumbnails", "xmpNote:HasExtendedXMP")
-_FILM = re.compile("GCamera:(MotionPhoto|MicroVideo)")
+_VIDEO = re.compile("GCamera:(MotionPhoto|MicroVideo)")
 _BESIDE = re.compile("(hdrgm|HDRGainMap|GDepth|GImage):")
 _DIRECTORY = "Container:Directory"
 _SEMANTIC = "Item:Semantic"
 _LENGTH = "Item:Length"
 _PADDING = "Item:Padding"
-_OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # relative to the end of the file
+_OLD_VIDEO_LENGTH = "GCamera:MicroVideoOffset"  # relative to the end of the file
 
 
-class FilmPlace(NamedTuple):
-    """Position of a motion photo's film in its file."""
+class VideoPlace(NamedTuple):
+    """Position of a motion photo's video in its file."""
 
-    at: int  # distance from the end of the picture to the film's start [bytes]
-    length: int  # of the film [bytes]
-    to_end: int  # distance from the film's start to the end of the file [bytes]
+    at: int  # distance from the end of the picture to the video's start [bytes]
+    length: int  # of the video [bytes]
+    to_end: int  # distance from the video's start to the end of the file [bytes]
 
 
 class NextPicture(NamedTuple):
@@ -215,7 +215,7 @@ class NextPicture(NamedTuple):
     width: int
     orientation: int | None  # EXIF orientation 1-8; None: the packet's own is kept
     is_new: bool  # whether the pixels have changed, so that thumbnails of the old ones are removed
-    film: FilmPlace | None  # of a motion photo, if it still follows the picture; gain maps and the like never do
+    video: VideoPlace | None  # of a motion photo, if it still follows the picture; gain maps and the like never do
 
 
 def updated(packet: bytes, picture: NextPicture) -> bytes | None:
@@ -236,8 +236,8 @@ def updated(packet: bytes, picture: NextPicture) -> bytes | None:
             _update(read, attribute, name, picture)
         if element.name == _DIRECTORY and directory is None:
             directory = element
-    if directory is not None and picture.film is not None:
-        _keep_film_alone(read, directory, picture.film)
+    if directory is not None and picture.video is not None:
+        _keep_video_alone(read, directory, picture.video)
     return read.changed()
 
 
@@ -250,34 +250,34 @@ def _update(packet: Packet, thing: Element | Attribute, name: str, picture: Next
     elif name == "tiff:Orientation":
         if picture.orientation is not None:
             packet.set_number(thing, picture.orientation)
-    elif name == _OLD_FILM_LENGTH and picture.film is not None:
-        packet.set_number(thing, picture.film.to_end)
+    elif name == _OLD_VIDEO_LENGTH and picture.video is not None:
+        packet.set_number(thing, picture.video.to_end)
     elif (
         _BESIDE.match(name)
         or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
-        or (picture.film is None and (name == _DIRECTORY or _FILM.match(name)))
+        or (picture.video is None and (name == _DIRECTORY or _VIDEO.match(name)))
     ):
         packet.remove(thing)
 
 
-def _keep_film_alone(packet: Packet, directory: Element, film: FilmPlace) -> None:
-    """Reduces the list of the file's contents to picture and film, and updates the film's position."""
+def _keep_video_alone(packet: Packet, directory: Element, video: VideoPlace) -> None:
+    """Reduces the list of the file's contents to picture and video, and updates the video's position."""
     for item in directory.below():
         meaning = _value(item, _SEMANTIC)
         if item.name == "rdf:li" and meaning not in (None, "Primary", "MotionPhoto"):
             packet.remove(item)
         if _PADDING in item.attributes:  # between the end of this item and the next one
-            packet.set_number(item.attributes[_PADDING], film.at if meaning == "Primary" else 0)
+            packet.set_number(item.attributes[_PADDING], video.at if meaning == "Primary" else 0)
         length = item.attributes.get(_LENGTH)
-        if meaning == "MotionPhoto" and length is not None and length.value != str(film.length):
-            packet.set_number(length, film.to_end)  # Samsung's may extend to the end of the file
+        if meaning == "MotionPhoto" and length is not None and length.value != str(video.length):
+            packet.set_number(length, video.to_end)  # Samsung's may extend to the end of the file
 
 
-# ---- further pictures and films ------------------------------------------------------------------------
+# ---- further pictures and videos ------------------------------------------------------------------------
 
 
-def film_bytes(packet: bytes | None) -> int | None:
-    """Returns the length of a motion photo's film, which ends with the file; None if there is none."""
+def video_bytes(packet: bytes | None) -> int | None:
+    """Returns the length of a motion photo's video, which ends with the file; None if there is none."""
     if packet is None or (b"MotionPhoto" not in packet and b"MicroVideo" not in packet):
         return None
     read = _read(packet)
@@ -288,14 +288,14 @@ def film_bytes(packet: bytes | None) -> int | None:
         if element.name == "rdf:li" and _value(element, _SEMANTIC) == "MotionPhoto":
             return _integer(_value(element, _LENGTH))
         if length is None:
-            length = _integer(_text_of(read, element, _OLD_FILM_LENGTH))
+            length = _integer(_text_of(read, element, _OLD_VIDEO_LENGTH))
     return length
 
 
-def lost(packet: bytes, has_film: bool) -> list[str]:
-    """Names additional pictures and films that the packet describes but the next file lacks."""
-    film = not has_film and film_bytes(packet) is not None
-    return ["gain map"] * has_gain_map(packet) + ["film"] * film
+def lost(packet: bytes, has_video: bool) -> list[str]:
+    """Names additional pictures and videos that the packet describes but the next file lacks."""
+    video = not has_video and video_bytes(packet) is not None
+    return ["gain map"] * has_gain_map(packet) + ["film"] * video
 
 
 def has_gain_map(packet: bytes | None) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.export import write_npz
 from unshutter.motion.shapes import Float64
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.poses.colmap import ColmapCamera, ColmapPicture
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import make_folder
@@ -38,16 +38,16 @@ class PicturePoses:
 
     Attributes:
         picture: the picture in the model, with the pose that COLMAP found.
-        readout: direction in which its stored pixels were read.
+        scan_direction: direction in which its stored pixels were read.
         lines: [N] the rows for which there are poses, from the first to the last that was read, evenly spaced, in
             stored pixels from 0; columns if the picture was read sideways.
-        times_s: [N] when each was read, on the film's clock [s].
+        times_s: [N] when each was read, on the video's clock [s].
         world_to_camera: [N, 4, 4] pose of each.
         moved: whether neighbours showed how the camera moved; otherwise its position is the same for all rows.
     """
 
     picture: ColmapPicture
-    readout: Readout
+    scan_direction: ScanDirection
     lines: Float64[np.ndarray, "rows"]
     times_s: Float64[np.ndarray, "rows"]
     world_to_camera: Float64[np.ndarray, "rows 4 4"]
@@ -113,7 +113,7 @@ def _arrays(poses: CameraPoses) -> dict[str, np.ndarray]:
     """Returns what gsplat's ``rasterization`` takes, an entry for each picture."""
     pictures = poses.pictures
     cameras = [each.picture.camera for each in pictures]
-    direction = [f"ROLLING_{each.readout.name}" for each in pictures]
+    direction = [f"ROLLING_{each.scan_direction.name}" for each in pictures]
     return {
         "names": np.array([_printable(each.picture.name) for each in pictures]),
         "viewmats": np.stack([each.at(0.0) for each in pictures]).astype(np.float32),
@@ -137,7 +137,7 @@ def _transforms(poses: CameraPoses, images: str) -> dict[str, object]:
             "transform_matrix": _camera_to_world(each, 0.5),
             "transform_matrix_first_row": _camera_to_world(each, 0.0),
             "transform_matrix_last_row": _camera_to_world(each, 1.0),
-            "readout": str(each.readout),
+            "readout": str(each.scan_direction),
         }
         for each, own in zip(poses.pictures, cameras, strict=True)
     ]

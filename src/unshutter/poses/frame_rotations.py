@@ -15,7 +15,7 @@ from unshutter.motion import RotationMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.motion.shapes import Float64
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import Reason
 from unshutter.run.inputs import motion_name
 from unshutter.video.motion_file import load_clip_motion
@@ -26,7 +26,7 @@ _LONGEST_S = 1.0  # between pictures from whose poses a speed is taken
 
 @dataclass(frozen=True)
 class Clock:
-    """When the frames of a film were read."""
+    """When the frames of a video were read."""
 
     interval_s: float  # time from one frame to the next [s]
     readout_s: float  # time from a frame's first line to the end of its last [s]
@@ -42,20 +42,20 @@ class PictureCamera:
 
 
 class FrameRotations(ABC):
-    """How the camera turned within the frames of a film, which are counted from 0."""
+    """How the camera turned within the frames of a video, which are counted from 0."""
 
     readout_s: float
 
     @abstractmethod
     def motion(self, name: str, number: int) -> Finding:
-        """Returns the motion of a picture, a frame of the film; of any size of the same shape."""
+        """Returns the motion of a picture, a frame of the video; of any size of the same shape."""
 
     @abstractmethod
     def start_s(self, number: int) -> float:
         """Returns when the first line of a frame was read [s]."""
 
     @abstractmethod
-    def turn(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
+    def rotation_between(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
         """Returns the rotation from the middle line of a frame to that of a later one; None if it is unknown."""
 
     @abstractmethod
@@ -86,17 +86,17 @@ class ClipRotations(FrameRotations):
         """See FrameRotations."""
         return float(self._clip.times_s[number])
 
-    def turn(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
+    def rotation_between(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
         """See FrameRotations."""
-        readout = self._clip.readout
-        rows, _ = readout.frame_size(camera.height, camera.width)
-        turned = np.eye(3)
+        scan_direction = self._clip.scan_direction
+        rows, _ = scan_direction.frame_size(camera.height, camera.width)
+        rotated = np.eye(3)
         for step in self._clip.steps[first + 1 : last + 1]:
             if step is None:
                 return None
             moved = 1.0 if np.isnan(step.focal_heights) else step.focal_heights * rows / camera.focal_px
-            turned = _in_picture(step.turn, moved, readout) @ turned
-        return turned
+            rotated = _in_picture(step.rotation, moved, scan_direction) @ rotated
+        return rotated
 
     def joined(self, first: int, last: int) -> bool:
         """See FrameRotations."""
@@ -125,7 +125,7 @@ class PictureRotations(FrameRotations):
         """See FrameRotations."""
         return number * self._clock.interval_s
 
-    def turn(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
+    def rotation_between(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
         """See FrameRotations."""
         return None
 
@@ -183,16 +183,18 @@ def rotations_in_picture(found: Finding, camera: PictureCamera) -> Float64[np.nd
         UnshutterError: the motion is that of a picture of another shape.
     """
     motion = found.motion
-    lines, across = motion.readout.frame_size(camera.height, camera.width)
+    lines, across = motion.scan_direction.frame_size(camera.height, camera.width)
     if isinstance(motion, RotationMotion):
         fitted = motion.resized(lines, across).rereferenced("first")
-        return _in_picture(fitted.rotations, fitted.focal_px / camera.focal_px, motion.readout)
+        return _in_picture(fitted.rotations, fitted.focal_px / camera.focal_px, motion.scan_direction)
     if motion.is_zero and (found.reason is None or found.reason.code in AT_REST):
         return np.tile(np.eye(3), (lines, 1, 1))
     return found.reason or Reason.stated("its motion is not a rotation about three axes")
 
 
-def _in_picture(turns: Float64[np.ndarray, "*at 3"], moved: float, readout: Readout) -> Float64[np.ndarray, "*at 3 3"]:
+def _in_picture(
+    rotations: Float64[np.ndarray, "*at 3"], moved: float, scan_direction: ScanDirection
+) -> Float64[np.ndarray, "*at 3 3"]:
     """Returns rotations of the readout frame's axes as those of the stored picture's.
 
     Args:
@@ -200,5 +202,5 @@ def _in_picture(turns: Float64[np.ndarray, "*at 3"], moved: float, readout: Read
             and y were, too, but not how far they move the picture.
     """
     quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    to_frame = np.linalg.matrix_power(quarter, readout.quarter_turns)
-    return to_frame.T @ rotation_matrix(turns * np.array([moved, moved, 1.0])) @ to_frame
+    to_frame = np.linalg.matrix_power(quarter, scan_direction.quarter_turns)
+    return to_frame.T @ rotation_matrix(rotations * np.array([moved, moved, 1.0])) @ to_frame

@@ -7,7 +7,7 @@ and c(t), the camera's position at a time, the pose of row v is
 
     P(v) = [R(v) R_m | -R(v) R_m c(t_v)]
 
-c is the parabola through the positions of the picture and its neighbours. To the tracks of a film, a camera that moves
+c is the parabola through the positions of the picture and its neighbours. To the tracks of a video, a camera that moves
 sideways looks as if it turned; the poses of the neighbours show how far it turned, and the rest is taken off.
 """
 
@@ -24,7 +24,7 @@ from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio, option
 from unshutter.options.fields import check_values, implemented_by
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.poses.camera_poses import CameraPoses, PicturePoses
 from unshutter.poses.colmap import ColmapPicture, read_model
 from unshutter.poses.frame_rotations import (
@@ -38,7 +38,7 @@ from unshutter.poses.frame_rotations import (
 )
 from unshutter.reasons import Reason
 
-SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}  # of the lines
+READOUT_FRACTION = {"first": 0.0, "middle": 0.5, "last": 1.0}  # of the lines
 _MOST_ROWS = 1001
 
 
@@ -54,8 +54,8 @@ class PoseOptions:
     readout_ratio: float | None = option(
         None, "Readout time of a frame divided by the time between frames, if there is a motion file for each picture."
     )
-    fps: float | None = option(None, "Frames per second of the film, likewise.", metavar="N")
-    first_number: int = option(0, "Number in the name of the film's first frame. Default: 0.")
+    fps: float | None = option(None, "Frames per second of the video, likewise.", metavar="N")
+    first_number: int = option(0, "Number in the name of the video's first frame. Default: 0.")
     rows: int = option(17, f"Rows per picture in the table, 2 to {_MOST_ROWS}. Default: 17.", limits=(2, _MOST_ROWS))
 
     def __post_init__(self) -> None:
@@ -68,7 +68,7 @@ class PoseOptions:
 
     @property
     def clock(self) -> Clock | None:
-        """The stated clock of the film; None if it was not stated."""
+        """The stated clock of the video; None if it was not stated."""
         if self.fps is None or self.readout_ratio is None:
             return None
         return Clock(1 / self.fps, self.readout_ratio / self.fps)
@@ -76,11 +76,11 @@ class PoseOptions:
 
 @dataclass(frozen=True)
 class _Frame:
-    """A picture of the model as a frame of the film."""
+    """A picture of the model as a frame of the video."""
 
     picture: ColmapPicture
     number: int  # of the frame, from 0
-    readout: Readout
+    scan_direction: ScanDirection
     rotations: Float64[np.ndarray, "lines 3 3"]  # from the reference line to each, in the order in which they were read
     lines: Float64[np.ndarray, "lines"]  # stored row or column of each
     times_s: Float64[np.ndarray, "lines"]  # when each was read
@@ -163,7 +163,7 @@ def camera_poses(
 
 
 def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptions) -> _Frame | str:
-    """Returns a picture as a frame of the film, or why its motion is unknown."""
+    """Returns a picture as a frame of the video, or why its motion is unknown."""
     number = frame_number(picture.name, options.first_number)
     camera = picture.camera
     try:
@@ -179,15 +179,15 @@ def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptio
         return str(rotations)
     count = len(rotations)
     order = np.arange(count, dtype=np.float64)
-    readout = found.motion.readout
-    is_reversed = readout in (Readout.BOTTOM_TO_TOP, Readout.RIGHT_TO_LEFT)
-    share = SHARES[options.reference]
+    scan_direction = found.motion.scan_direction
+    is_reversed = scan_direction in (ScanDirection.BOTTOM_TO_TOP, ScanDirection.RIGHT_TO_LEFT)
+    share = READOUT_FRACTION[options.reference]
     reference = rotations[round(share * (count - 1))]
     start = source.start_s(number)
     return _Frame(
         picture=picture,
         number=number,
-        readout=readout,
+        scan_direction=scan_direction,
         rotations=rotations @ reference.T,
         lines=order[::-1] if is_reversed else order,
         times_s=start + source.readout_s * order / count,
@@ -203,13 +203,15 @@ def _poses_of(frames: list[_Frame], k: int, source: FrameRotations, at: Float64[
     near = [other for other in near if other.number != frame.number]
     lines = np.rint(at).astype(int)
     since_s = frame.times_s[lines] - frame.moment_s
-    excess = _apparent_turn(frame, near, source)
+    excess = _apparent_rotation(frame, near, source)
     rotations = rotation_matrix(-since_s[:, None] * excess) @ frame.rotations[lines] @ frame.rotation
     positions = frame.position + _moved(frame, near, since_s)
     poses = np.tile(np.eye(4), (len(at), 1, 1))
     poses[:, :3, :3] = rotations
     poses[:, :3, 3] = -np.einsum("nij,nj->ni", rotations, positions)
-    return PicturePoses(frame.picture, frame.readout, frame.lines[lines], frame.times_s[lines], poses, bool(near))
+    return PicturePoses(
+        frame.picture, frame.scan_direction, frame.lines[lines], frame.times_s[lines], poses, bool(near)
+    )
 
 
 def _moved(frame: _Frame, near: list[_Frame], since_s: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
@@ -223,15 +225,15 @@ def _moved(frame: _Frame, near: list[_Frame], since_s: Float64[np.ndarray, "rows
     return since_s[:, None] ** powers @ coefficients
 
 
-def _apparent_turn(frame: _Frame, near: list[_Frame], source: FrameRotations) -> Float64[np.ndarray, "3"]:
+def _apparent_rotation(frame: _Frame, near: list[_Frame], source: FrameRotations) -> Float64[np.ndarray, "3"]:
     """Returns the rate [rad/s] at which the motions turn faster than the model's poses; zero if that is unknown."""
     rates: list[np.ndarray] = []
     for other in near:
         first, last = sorted((frame, other), key=lambda each: each.number)
-        turn = source.turn(first.number, last.number, frame.camera)
-        if turn is None:
+        rotation = source.rotation_between(first.number, last.number, frame.camera)
+        if rotation is None:
             return np.zeros(3)
-        tracked = last.from_middle @ turn @ first.from_middle.T
+        tracked = last.from_middle @ rotation @ first.from_middle.T
         posed = last.rotation @ first.rotation.T
         rates.append(rotation_vector(tracked @ posed.T) / (last.moment_s - first.moment_s))
     return np.mean(rates, axis=0) if rates else np.zeros(3)

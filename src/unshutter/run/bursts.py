@@ -42,17 +42,18 @@ class Burst:
     motion: FrameMotion
     others: int  # number of other photos
     interval_s: float  # from one to the next
-    readout: ReadoutTime
+    readout_time: ReadoutTime
 
     def described(self) -> str:
         """Describes what was used."""
         photos = "1 photo" if self.others == 1 else f"{self.others} photos"
-        return f"by {photos} {self.interval_s:.2g} s apart, taking {self.readout.ms:.3g} ms ({self.readout.source})"
+        time = self.readout_time
+        return f"by {photos} {self.interval_s:.2g} s apart, taking {time.ms:.3g} ms ({time.source})"
 
     def as_json(self) -> JsonObject:
         """Returns what was used, ready for JSON."""
-        data = {"others": self.others, "interval_s": self.interval_s, "readout_ms": self.readout.ms}
-        data |= {"plausible_ms": self.readout.plausible_ms, "found_by": self.readout.source}
+        data = {"others": self.others, "interval_s": self.interval_s, "readout_ms": self.readout_time.ms}
+        data |= {"plausible_ms": self.readout_time.plausible_ms, "found_by": self.readout_time.source}
         return {"burst": data}
 
 
@@ -66,7 +67,7 @@ class _Taken:
     setting: tuple[object, ...]  # the camera and its setting
     exposure_s: float
     at_s: float  # time
-    readout: ReadoutTime  # for the camera's kind
+    readout_time: ReadoutTime  # for the camera's kind
 
     @classmethod
     def of(cls, place: Place, max_pixels: int, folder: Path | None) -> _Taken | None:
@@ -79,7 +80,7 @@ class _Taken:
                 exposure_s = photo.exposure_s()
                 if time is None or not time.microsecond or setting is None or exposure_s is None:
                     return None
-                if photo.film() is None:  # which tells more than a burst
+                if photo.embedded_video() is None:  # which tells more than a burst
                     size = photo.height, photo.width
                     return cls(place, folder, size, setting, exposure_s, time.timestamp(), photo.readout_time())
         return None
@@ -126,7 +127,7 @@ def _connected(photos: Sequence[Path], max_pixels: int) -> Iterator[list[Path]]:
     def opened(place: Path) -> Photo | None:
         with suppress(UnshutterError):
             photo = Photo.open(place, max_pixels)
-            if photo.taken() is None and photo.film() is None and photo.readout_time().longest_s:
+            if photo.taken() is None and photo.embedded_video() is None and photo.readout_time().longest_s:
                 return photo
         return None
 
@@ -167,9 +168,9 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
     from unshutter.frames.frame_motion import AT_REST  # imported here: NumPy comes after decoding has begun
     from unshutter.frames.sequence import CameraMotion
     from unshutter.frames.usual_ratio import cautious
-    from unshutter.photo.exposure import DRONE, PHONE
+    from unshutter.photo.readout_times import DRONE, PHONE
 
-    time = burst[0].readout
+    time = burst[0].readout_time
     if camera.readout_ms is not None:
         time = ReadoutTime.of_ms(camera.readout_ms, ReadoutSource.GIVEN)
     elif time in (PHONE, DRONE):
@@ -180,7 +181,7 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
     interval_s = median(gaps)
     if max(abs(gap - interval_s) for gap in gaps) < _CLOCK_S:
         gaps = [interval_s] * len(gaps)
-    finder = CameraMotion(time.ratio(interval_s), camera.focal_px, camera.direction)
+    finder = CameraMotion(time.ratio(interval_s), camera.focal_px, camera.scan_direction)
     steps = [1.0, *(gap / interval_s for gap in gaps)]
     try:
         motions = list(finder.motions(_grey_frames(finder, burst, steps, max_pixels)))
@@ -194,6 +195,6 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
 
 def _grey_frames(finder: CameraMotion, burst: list[_Taken], steps: list[float], max_pixels: int) -> Iterator[GreyFrame]:
     for taken, step in zip(burst, steps, strict=True):
-        frame = finder.look(Photo.open(taken.place, max_pixels))
+        frame = finder.add_frame(Photo.open(taken.place, max_pixels))
         frame.after = step
         yield frame

@@ -1,7 +1,7 @@
 """How many photos of a folder moved, found from all of them: a base rate for the decision on each.
 
 A single photo is judged as if half of all photos moved. Of a hundred photos that a camera took within an hour, usually
-none moved, or, from a train, nearly all. Their own log odds (motion/finding.py, ``Chance``) show which, by expectation
+none moved, or, from a train, nearly all. Their log odds (motion/finding.py, ``MotionOdds``) show which, by expectation
 maximisation of the one unknown share. Every photo is first judged by itself; those that the share decides differently
 are then done again. The share that applies to a photo is found from the others, so a single photo changes nothing.
 
@@ -33,16 +33,16 @@ class Judged:
 
     group: str  # folder, camera and hour, with "|" between them (run/work.py)
     log_odds: float  # that it moved, if half of all photos did
-    turning_point: float  # log odds of the folder from which it is undone
+    decision_threshold: float  # log odds of the folder from which it is undone
     used: float  # log odds of the folder with which it was judged
 
     @classmethod
     def of(cls, job: Job, outcome: Outcome) -> Judged | None:
         """Returns what became of a photo; None if it says nothing about the others, nor they about it."""
-        chance = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.chance
-        if chance is None:
+        motion_odds = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.motion_odds
+        if motion_odds is None:
             return None
-        return cls(outcome.group, chance.log_odds, chance.turning_point, job.folder_log_odds or 0.0)
+        return cls(outcome.group, motion_odds.log_odds, motion_odds.decision_threshold, job.folder_log_odds or 0.0)
 
     @classmethod
     def from_json(cls, record: JsonObject) -> Judged | None:
@@ -55,7 +55,7 @@ class Judged:
 
     def as_json(self) -> JsonObject:
         """Returns it ready for JSON."""
-        numbers = {"log_odds": self.log_odds, "turning_point": self.turning_point, "used": self.used}
+        numbers = {"log_odds": self.log_odds, "turning_point": self.decision_threshold, "used": self.used}
         return {"folder": {"group": self.group, **{name: round(number, 4) for name, number in numbers.items()}}}
 
     @property
@@ -107,8 +107,8 @@ class Folder:
             for (job, judged), log_odds in zip(group, shares_moved([each.log_odds for _, each in group]), strict=True):
                 self.moved += _probability(judged.log_odds + log_odds)
                 log_odds = min(log_odds, judged.most)
-                turns = (log_odds > judged.turning_point) != (judged.used > judged.turning_point)
-                if turns and abs(log_odds - judged.used) > _ALIKE:
+                changes = (log_odds > judged.decision_threshold) != (judged.used > judged.decision_threshold)
+                if changes and abs(log_odds - judged.used) > _ALIKE:
                     again.append(replace(job, folder_log_odds=round(log_odds, 4)))
         self.redone = len(again)
         return again

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.photo.decoder import SEVERAL_PICTURES
-from unshutter.photo.film import films_beside
+from unshutter.photo.embedded_video import videos_beside
 from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
 from unshutter.storage.locations import Place, is_folder, names_below, place
 
@@ -28,7 +28,7 @@ _REASONS: dict[str, Callable[[PurePosixPath], bool]] = {
     "hidden": lambda name: any(part.startswith(".") for part in name.parts),
     MADE_BY_US: lambda name: _RESULT.fullmatch(name.stem) is not None or name.parts[0].startswith(_OURS),
     "with several pictures in one file": lambda name: name.suffix.lower() == SEVERAL_PICTURES,
-    "films": lambda name: name.suffix.lower() in FILM_FORMATS,
+    "films": lambda name: name.suffix.lower() in VIDEO_FORMATS,
     _NO_PHOTOS: lambda name: name.suffix.lower() not in PHOTO_SUFFIXES,
 }
 
@@ -47,10 +47,10 @@ class Inputs:
 
     @property
     def files(self) -> list[Place]:
-        """The photos, and where a film next to each may be."""
+        """The photos, and where a video next to each may be."""
         return [
             *self.photos,
-            *(film for photo in self.photos if isinstance(photo, Path) for film in films_beside(photo)),
+            *(video for photo in self.photos if isinstance(photo, Path) for video in videos_beside(photo)),
         ]
 
     def pass_over(self, reason: str, suffix: str) -> None:
@@ -80,8 +80,8 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
     """
     inputs = Inputs()
     for source in map(place, sources):
-        if source.suffix.lower() in FILM_FORMATS and not is_folder(source):
-            raise UsageError(f"{source} is a film, not a photo: use unshutter video {source}")
+        if source.suffix.lower() in VIDEO_FORMATS and not is_folder(source):
+            raise UsageError(f"{source} is a video, not a photo: use unshutter video {source}")
         may_be_folder = isinstance(source, Path) or not source.suffix  # queries to a store are slow
         if not (may_be_folder and is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())
@@ -112,7 +112,7 @@ def _in_words(reason: str, count: int) -> str:
     if reason == _NO_PHOTOS:
         return "is not a photo" if count == 1 else "are not photos"
     if reason == "films":
-        return f"{'film' if count == 1 else 'films'}, see unshutter video"
+        return f"{'video' if count == 1 else 'videos'}, see unshutter video"
     return reason
 
 
@@ -148,9 +148,9 @@ def unchanged_name(photo: Place | PurePath, format: str | None = None, keep: boo
     return _cut(photo.stem if keep else photo.name, MOST_BYTES - len(suffix)) + suffix
 
 
-def film_name(film: PurePath) -> str:
-    """Returns the name of a film's result: ``walk.mp4`` -> ``walk.rectified.mp4``."""
-    return _marked(film, film.stem, film.suffix)
+def video_name(video: PurePath) -> str:
+    """Returns the name of a video's result: ``walk.mp4`` -> ``walk.rectified.mp4``."""
+    return _marked(video, video.stem, video.suffix)
 
 
 def _marked(source: Place | PurePath, stem: str, suffix: str) -> str:

@@ -50,7 +50,7 @@ def _digest_of(request: Rectify, motion: str | None) -> str:
     facts = {"motion": motion, "weights": "" if weights is None else locations.fingerprint(weights), "overwrite": None}
     find = request.find
     neighbours = request.neighbours
-    for group in (find, find.camera, find.odds, request.undo, request.save, neighbours, neighbours.clock):
+    for group in (find, find.camera, find.decision, request.undo, request.save, neighbours, neighbours.clock):
         for each in fields(group):
             value = vars(group)[each.name]
             if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
 from unshutter.readout_time import ReadoutRatio
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 # Names with these extensions are meant as files, even if a folder is needed.
-_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *FILM_FORMATS, ".json", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
+_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *VIDEO_FORMATS, ".json", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
 
 
 @dataclass(frozen=True)
@@ -340,7 +340,7 @@ def add_motions(
     camera = request.find.camera
     ratio = stated
     while True:
-        finder = CameraMotion(ratio, camera.focal_px, camera.direction)
+        finder = CameraMotion(ratio, camera.focal_px, camera.scan_direction)
         readable: list[Place] = []
         pairs: list[tuple[Place, Place]] = []  # consecutive photos
         frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
@@ -378,7 +378,7 @@ def _grey_frames(
     for where in photos:
         try:
             photo = open_input(where, max_pixels)
-            frame = finder.look(photo)
+            frame = finder.add_frame(photo)
         except PreviewError:  # not a frame: its neighbours are each other's
             continue
         except UnshutterError:

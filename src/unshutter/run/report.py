@@ -38,8 +38,8 @@ Tell = Callable[[str], None]  # prints a line for the user
 _LONGEST_COMMAND = 400  # characters, with many photos
 _MAY_HAVE_MOVED = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.UNSURE_WHETHER_MOVED}
 _UNSURE_WHICH = {Code.UNSURE, Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED}
-_TOLD = {Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.MOVED_OTHERWISE}
-_BY_ITSELF = {*_MAY_HAVE_MOVED, *_TOLD, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
+_REPORTED = {Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.MOVED_OTHERWISE}
+_BY_ITSELF = {*_MAY_HAVE_MOVED, *_REPORTED, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
 
 
 class Report:
@@ -114,11 +114,11 @@ class Report:
         steps = () if verdict is None or changed else _next_steps(verdict, told_moving)
         self._next_steps[job.source] = tuple(steps)
         details = verdict.described() if verdict else ""
-        if told := self.total == 1 or self._plan.run.verbose:
+        if reported := self.total == 1 or self._plan.run.verbose:
             model = f"model {outcome.model}" if outcome.model and changed else ""
             ratio = f"readout ratio {outcome.ratio}" if outcome.ratio and changed else ""
             details = "; ".join(filter(None, (verdict and about(verdict), model, ratio)))
-        more = (_about_edges(outcome), outcome.note if told else "")
+        more = (_about_edges(outcome), outcome.note if reported else "")
         details = "; ".join(filter(None, (details, *more)))
         if job.burst is not None:
             details = "; ".join(filter(None, (details, job.burst.described())))
@@ -218,7 +218,7 @@ def _next_steps(verdict: Verdict, told_moving: bool) -> Iterator[str]:
         yield "if you know which way the camera moved: --moving left, right, up or down"
     if code in _UNSURE_WHICH:
         yield "what else fits: unshutter estimate --candidates PHOTO"
-    if code in _TOLD:
+    if code in _REPORTED:
         yield "draw lines along what is straight: unshutter serve"
 
 
@@ -275,10 +275,10 @@ def exit_code(failed: int, total: int) -> int:
 
 
 def about(verdict: Verdict) -> str:
-    """Describes the verdict, why a film inside the photo was not used, and what the user can do."""
-    unused = verdict.finding.film
-    film = "" if unused is None else f"{unused}: not used"
-    return "; ".join(filter(None, (verdict.described(), film, _advice(verdict))))
+    """Describes the verdict, why a video inside the photo was not used, and what the user can do."""
+    unused = verdict.finding.video_unused
+    video = "" if unused is None else f"{unused}: not used"
+    return "; ".join(filter(None, (verdict.described(), video, _advice(verdict))))
 
 
 def _advice(verdict: Verdict) -> str:

@@ -137,7 +137,7 @@ def finish_job(job: Job, request: Rectify, given: Finding | None = None, ahead: 
         group=_name_group(job.source, result.original),
         note="; ".join(filter(None, map(_describe_picture, written))),
         edges=result.edges if result.changed else None,
-        area_left=result.whole,
+        area_left=result.area_left,
         please_look=result.needs_a_look,
         model=model,
         ratio=ratio,
@@ -155,7 +155,7 @@ def _begin(job: Job, request: Rectify, given: Finding | None, ahead: Iterable[Ah
             if begun.place == job.source:
                 return begun
     elif find is not None and job.folder_log_odds is not None:
-        find = replace(find, odds=replace(find.odds, folder=job.folder_log_odds))
+        find = replace(find, decision=replace(find.decision, folder=job.folder_log_odds))
     return next(look_ahead([job.source], Wanted(find, request.undo, job.max_pixels)))
 
 
@@ -241,7 +241,7 @@ def sequence_options(request: Rectify) -> SequenceOptions:
     return SequenceOptions(
         time=request.stated_ratio,
         undo=request.undo,
-        readout=camera.direction,
+        scan_direction=camera.scan_direction,
         at=request.neighbours.at,
         model=request.neighbours.model,
         focal_px=camera.focal_px,

@@ -17,12 +17,12 @@ from typing import cast
 
 import numpy as np
 
-from unshutter.motion.finding import Candidate, Chance, KindOfMotion
+from unshutter.motion.finding import Candidate, KindOfMotion, MotionOdds
 from unshutter.motion.motion import Motion
 from unshutter.motion.verdict import LIKELY, is_measurable
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
-from unshutter.single.prospects import MOST_AT_REST, MOVING, Mode, Prospect, experience, prospect
+from unshutter.single.prospects import MOST_AT_REST, MOVING, ExpectedBenefit, Mode, calibration_of, expected_benefit
 from unshutter.single.search import Optima, Posterior, displacement, expected_error, mixture_moments
 from unshutter.single.smear import Smear, smear_of
 
@@ -53,17 +53,17 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     total = np.logaddexp.reduce([side.log_weight for side in sides])
     kind = cast(KindOfMotion, max(posterior.kinds, key=posterior.kinds.__getitem__))
     moving: list[Candidate] = []
-    prospects: list[Prospect] = []
+    benefits: list[ExpectedBenefit] = []
     for side in sorted(sides, key=lambda side: -side.log_weight):
         share = math.exp(side.log_weight - total)
         better = _STATED if view.heading else _MISLED / 2 + (1 - _MISLED) * share
         mode = Mode(side.motion, side.error, share, kind)
-        prospects.append(Prospect(better, _LEFT * side.error, displacement(side.motion)))
-        moving.append(_candidate(mode, prospects[-1], posterior, view, estimator))
+        benefits.append(ExpectedBenefit(better, _LEFT * side.error, displacement(side.motion)))
+        moving.append(_candidate(mode, benefits[-1], posterior, view, estimator))
     if limit.refutes(moving[0].motion):
         return None
-    first = prospects[0]
-    least = view.odds.least_confidence
+    first = benefits[0]
+    least = view.decision.least_confidence
     if _is_undone(first, least) and (first.better >= LIKELY or least is not None):
         return (*moving, _still(view, estimator, None, 1 - first.better))
     reason = _reason_of_moved(first.better, moving[0].motion) if view.heading else Reason(Code.WHICH_WAY)
@@ -109,12 +109,12 @@ _HARDLY = 0.2  # below this, nothing visible moved
 
 
 def candidates_of(
-    posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None
+    posterior: Posterior, view: View, estimator: str, network_motion: np.ndarray | None = None
 ) -> tuple[Candidate, ...]:
     """Returns the possible motions of a photo, the one to undo first; zero with a reason if none should be.
 
     Args:
-        opinion: [6] the network's estimate, if the posterior includes one.
+        network_motion: [6] the network's estimate, if the posterior includes one.
     """
     camera = view.camera
     if view.heading:
@@ -122,47 +122,47 @@ def candidates_of(
             return (_still(view, estimator, Reason(Code.MOVED_OTHERWISE), None),)
         posterior = _heading(posterior, view.heading)
     roll_known = view.attitude_deg()[0] is not None
-    shift = MOVING if camera.moving else MOVING * view.edges.smeared + view.odds.folder
+    shift = MOVING if camera.moving else MOVING * view.edges.smeared + view.decision.folder
     modes = modes_of(posterior, math.inf if camera.moving else LARGEST)
-    prospects = [prospect(posterior, mode, opinion, roll_known, shift) for mode in modes]
-    weighed = [each.better if view.odds.any else each.benefit for each in prospects]
+    benefits = [expected_benefit(posterior, mode, network_motion, roll_known, shift) for mode in modes]
+    weighed = [each.better if view.decision.any else each.benefit for each in benefits]
     if weighed and weighed[0] > 0:  # of the mean
         weighed[0] *= _CLEARLY
     best = max(range(len(modes)), key=weighed.__getitem__, default=None)
-    order = sorted(range(len(modes)), key=lambda k: (k != best, -prospects[k].better))
-    moving = tuple(_candidate(modes[k], prospects[k], posterior, view, estimator) for k in order)
-    chance = None if camera.moving else _chance(prospects, view.odds.folder, opinion is not None)
-    at_rest = 1 - max((each.better for each in prospects), default=0.0)
+    order = sorted(range(len(modes)), key=lambda k: (k != best, -benefits[k].better))
+    moving = tuple(_candidate(modes[k], benefits[k], posterior, view, estimator) for k in order)
+    motion_odds = None if camera.moving else _motion_odds(benefits, view.decision.folder, network_motion is not None)
+    at_rest = 1 - max((each.better for each in benefits), default=0.0)
     reason = Reason(Code.NO_RIGHT_ANGLES) if posterior.lines_gain < LEAST_GAIN else None
     if reason is None and not camera.moving and displacement(posterior.motion) > LARGEST:
-        mean = prospect(posterior, _mean(posterior), opinion, roll_known, shift)
+        mean = expected_benefit(posterior, _mean(posterior), network_motion, roll_known, shift)
         at_rest = min(at_rest, 1 - mean.better)
         reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > _PROBABLY else None
-    if reason is not None and not view.odds.any:
+    if reason is not None and not view.decision.any:
         return (_still(view, estimator, reason, None), *moving)
-    if best is None or not _is_undone(prospects[best], view.odds.least_confidence):
+    if best is None or not _is_undone(benefits[best], view.decision.least_confidence):
         reason = Reason(Code.NO_VISIBLE_MOTION)
         if best is not None:
             leave = _reason_of_moved if camera.moving else _reason_to_leave
-            reason = leave(prospects[best].better, moving[0].motion)
-        return (_with_chance(_still(view, estimator, reason, at_rest), chance), *moving)
+            reason = leave(benefits[best].better, moving[0].motion)
+        return (_with_motion_odds(_still(view, estimator, reason, at_rest), motion_odds), *moving)
     first = moving[0].motion
-    if camera.moving and not view.odds.any and not is_measurable(first.largest_px, first.height):
-        return (_still(view, estimator, _reason_of_moved(prospects[best].better, first), at_rest), *moving)
-    return (_with_chance(moving[0], chance), *moving[1:], _still(view, estimator, None, at_rest))
+    if camera.moving and not view.decision.any and not is_measurable(first.largest_px, first.height):
+        return (_still(view, estimator, _reason_of_moved(benefits[best].better, first), at_rest), *moving)
+    return (_with_motion_odds(moving[0], motion_odds), *moving[1:], _still(view, estimator, None, at_rest))
 
 
-def _chance(prospects: list[Prospect], folder_log_odds: float, with_network: bool) -> Chance | None:
+def _motion_odds(benefits: list[ExpectedBenefit], folder_log_odds: float, with_network: bool) -> MotionOdds | None:
     """Returns what the photo says about whether its camera moved, apart from its folder; None if nothing."""
-    if not prospects:
+    if not benefits:
         return None
-    slope, constant = experience(with_network).moved
-    helps = max(each.log_odds for each in prospects) - folder_log_odds
-    return Chance(slope * helps + constant, min(each.turning_point for each in prospects) + folder_log_odds)
+    slope, constant = calibration_of(with_network).moved
+    helps = max(each.log_odds for each in benefits) - folder_log_odds
+    return MotionOdds(slope * helps + constant, min(each.decision_threshold for each in benefits) + folder_log_odds)
 
 
-def _with_chance(candidate: Candidate, chance: Chance | None) -> Candidate:
-    return replace(candidate, finding=replace(candidate.finding, chance=chance))
+def _with_motion_odds(candidate: Candidate, motion_odds: MotionOdds | None) -> Candidate:
+    return replace(candidate, finding=replace(candidate.finding, motion_odds=motion_odds))
 
 
 def _heading(posterior: Posterior, sign: int) -> Posterior:
@@ -206,7 +206,7 @@ def _mode(optima: Optima, group: list[int], names: list[KindOfMotion]) -> Mode:
     return Mode(mean, expected_error(covariance), float(optima.share[group].sum()), names[optima.kind[group[0]]])
 
 
-def _candidate(mode: Mode, found: Prospect, posterior: Posterior, view: View, estimator: str) -> Candidate:
+def _candidate(mode: Mode, found: ExpectedBenefit, posterior: Posterior, view: View, estimator: str) -> Candidate:
     finding = view.cubic_motion(mode.motion.reshape(2, 3), estimator, found.better)
     finding = replace(finding, expected_error=found.error, kind_shares=tuple(posterior.kinds.items()))
     return Candidate(mode.kind, finding, found.better, view.photo.orientation)
@@ -224,7 +224,7 @@ def _still(view: View, estimator: str, reason: Reason | None, probability: float
     return Candidate("still", finding, known, view.photo.orientation)
 
 
-def _is_undone(found: Prospect, least: float | None) -> bool:
+def _is_undone(found: ExpectedBenefit, least: float | None) -> bool:
     return found.benefit > 0 if least is None else found.better >= least
 
 

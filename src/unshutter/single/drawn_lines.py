@@ -41,7 +41,7 @@ from unshutter.single.prior import (
     TILT,
     UNKNOWNS,
     MotionKind,
-    SecondOpinion,
+    NetworkObservation,
     shipped,
 )
 from unshutter.single.search import PX, bend, descend, displacement, poses
@@ -123,7 +123,7 @@ _SIGMA_BEND = 0.002  # and of the points of a line [rows]
 _ASKEW = math.radians(0.25)  # of the camera, at most: lines stay within MET_DEG
 _SLACK = 0.01  # of their variance: in the result they are met almost exactly
 _STEEPEST = math.radians(35)  # tilt that lines show
-_MOST_TURN = math.radians(45)  # turn of a line by the motion
+_MAX_ROTATION = math.radians(45)  # turn of a line by the motion
 _FARTHEST = 4.5  # standard deviations of a motion that lines show
 _MOST_BENT_PX = 3.0  # bend that they add [px of 256]
 _LEAST_LENGTH = 0.01  # of a line [rows]
@@ -138,15 +138,15 @@ class Directions:
 
     Args:
         lines: [2 or more, 2] points of each line, centred, in rows.
-        turn: roll [rad] of a camera held upright.
+        rotation: roll [rad] of a camera held upright.
     """
 
-    def __init__(self, lines: Sequence[np.ndarray], kinds: Sequence[LineKind], turn: float):
+    def __init__(self, lines: Sequence[np.ndarray], kinds: Sequence[LineKind], rotation: float):
         ends = np.array([points[[0, -1]] for points in lines])
         self._ends = EndPoints(ends[:, 0]), EndPoints(ends[:, 1])
         self._level = np.array([kind == "level" for kind in kinds])
         self._directed = np.array([kind != "straight" for kind in kinds])
-        self._turn = turn
+        self._turn = rotation
 
     def angles(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, N] angles [rad], from -pi / 2 to pi / 2."""
@@ -192,10 +192,12 @@ class DrawnLikelihood(ManhattanLikelihood):
         segments: np.ndarray,
         size: tuple[int, int],
         lines: Sequence[DrawnLine],
-        opinion: SecondOpinion | None = None,
+        observation: NetworkObservation | None = None,
     ):
         known = known_camera(view)
-        super().__init__(segments, size[0], size[1] / size[0], known=known, opinion=opinion, kinds=[_ANY_MOTION])
+        super().__init__(
+            segments, size[0], size[1] / size[0], known=known, observation=observation, kinds=[_ANY_MOTION]
+        )
         drawn = [_in_rows(line, view) for line in lines]
         self.directions = Directions(drawn, [line.kind for line in lines], self._turn)
         self._bends = Bends(drawn)
@@ -268,21 +270,21 @@ def motion_from_lines(
         return StraightenedLines(replace(finding, source=MotionSource.HAND), (None,) * len(lines))
     segments, size = segments_of(view)
     starts = [np.zeros(6), *STARTS]
-    opinion = None
+    observation = None
     if network is not None and len(segments):
         answer = network.coefficients(segments, view.up).ravel()
         errors = shipped().network_errors
         precision = _without_shear(errors.precision(PX * displacement(answer)))
-        opinion = SecondOpinion(answer, precision, errors.freedom)
+        observation = NetworkObservation(answer, precision, errors.freedom)
         starts = [answer, *starts]
-    every = DrawnLikelihood(view, segments, size, lines, opinion)
-    usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < _MOST_TURN
+    every = DrawnLikelihood(view, segments, size, lines, observation)
+    usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < _MAX_ROTATION
     level = np.array([line.kind == "level" for line in lines])
     used = usable
     fit = every.prior.mean[None]
     upright = np.arange(UNKNOWNS) != ROLL
     while used.any():
-        likelihood = DrawnLikelihood(view, segments, size, [lines[k] for k in np.flatnonzero(used)], opinion)
+        likelihood = DrawnLikelihood(view, segments, size, [lines[k] for k in np.flatnonzero(used)], observation)
         mean = _posterior_mean(likelihood, starts)
         fit = _onto_lines(likelihood, mean)
         met = np.abs(every.directions.angles(fit * upright)[0]) <= math.radians(MET_DEG)
@@ -352,5 +354,5 @@ def _without_shear(precision: np.ndarray) -> np.ndarray:
 def _in_rows(line: DrawnLine, view: View) -> np.ndarray:
     """[N, 2] points of a line in the readout frame, centred, in rows."""
     col, row = np.array(line.points, np.float64).T
-    points = np.stack(view.readout.points_to_frame(col, row, view.photo.height, view.photo.width), axis=-1)
+    points = np.stack(view.scan_direction.points_to_frame(col, row, view.photo.height, view.photo.width), axis=-1)
     return (points - np.array([view.width - 1, view.height - 1]) / 2) / view.height

@@ -13,8 +13,8 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.motion.upright import Angle, Pose
-from unshutter.options import USUAL_FOCAL, Camera, Odds
-from unshutter.orientation import Readout, scene_up
+from unshutter.options import USUAL_FOCAL, Camera, DecisionOptions
+from unshutter.orientation import ScanDirection, scene_up
 from unshutter.photo import Photo
 from unshutter.photo.attitude import Attitude
 from unshutter.readout_time import ReadoutSource, ReadoutTime
@@ -31,35 +31,35 @@ class View:
         photo: the photo as read.
         camera: what the user states about the camera; otherwise the photo's own metadata are used.
         guessed_focal_px: a better guess than that from the picture's size, for instance for a crop of a larger photo.
-        odds: what decides between undoing a motion and leaving the photo unchanged.
+        decision: what decides between undoing a motion and leaving the photo unchanged.
     """
 
     photo: Photo
     camera: Camera = field(default_factory=Camera)
     guessed_focal_px: float | None = None
-    odds: Odds = field(default_factory=Odds)
+    decision: DecisionOptions = field(default_factory=DecisionOptions)
 
     @property
-    def readout(self) -> Readout:
+    def scan_direction(self) -> ScanDirection:
         """Direction in which the stored pixels were read: as stated, or else from gravity, or else top to bottom."""
         if self.camera.readout == "auto" and self.photo.attitude is not None:
-            return self.photo.attitude.readout
-        return self.camera.direction
+            return self.photo.attitude.scan_direction
+        return self.camera.scan_direction
 
     @property
     def height(self) -> int:
         """Rows of the full-size readout frame."""
-        return self.readout.frame_size(self.photo.height, self.photo.width)[0]
+        return self.scan_direction.frame_size(self.photo.height, self.photo.width)[0]
 
     @property
     def width(self) -> int:
         """Columns of the full-size readout frame."""
-        return self.readout.frame_size(self.photo.height, self.photo.width)[1]
+        return self.scan_direction.frame_size(self.photo.height, self.photo.width)[1]
 
     @property
     def up(self) -> tuple[int, int]:
         """Unit vector (right, down) towards the top of the scene, from the EXIF orientation."""
-        return scene_up(self.photo.orientation, self.readout)
+        return scene_up(self.photo.orientation, self.scan_direction)
 
     @property
     def heading(self) -> int:
@@ -69,7 +69,7 @@ class View:
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """Returns a [h, w] uint8 grey copy whose short side is about ``short_side`` px; never enlarged."""
-        return self.readout.turn(self.photo.grey(short_side))
+        return self.scan_direction.to_scan_frame(self.photo.grey(short_side))
 
     def focal_px(self) -> float:
         """Returns the focal length [px of the full-size picture], if unknown guessed as 0.85 (width + height)."""
@@ -89,7 +89,7 @@ class View:
         kept = own.tilt_deg if tilt is None else own.roll_deg if roll is None else None
         roll = own.roll_deg if roll is None else roll
         tilt = own.tilt_deg if tilt is None else tilt
-        return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.readout)
+        return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.scan_direction)
 
     def attitude_deg(self) -> tuple[float | None, float | None]:
         """Returns the camera's roll and tilt [degrees] as stated, or else the photo's own, or else None."""
@@ -128,7 +128,7 @@ class View:
         Raises:
             UnshutterError: the photo is damaged or gone.
         """
-        return EdgeWidths.of(self.readout.turn(self.photo.pixels))
+        return EdgeWidths.of(self.scan_direction.to_scan_frame(self.photo.pixels))
 
     def noted(self, found: Finding) -> Finding:
         """Returns the finding with what is known about the photo apart from its pixels."""
@@ -148,7 +148,7 @@ class View:
             reason: why; methods from other packages give a sentence. None for the unchanged photo among candidates.
         """
         why = Reason.stated(reason) if isinstance(reason, str) else reason
-        motion = RowMotion.zero(self.height, self.width, readout=self.readout)
+        motion = RowMotion.zero(self.height, self.width, scan_direction=self.scan_direction)
         return Finding(motion, estimator=estimator, source=MotionSource.PIXELS, reason=why)
 
     def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Finding:
@@ -159,7 +159,7 @@ class View:
         """
         u = (np.arange(self.height) + 0.5) / self.height
         tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
-        motion = RowMotion(self.width, (tx - tx[0]) * self.height, rz - rz[0], readout=self.readout)
+        motion = RowMotion(self.width, (tx - tx[0]) * self.height, rz - rz[0], scan_direction=self.scan_direction)
         return Finding(motion, estimator=estimator, source=MotionSource.PIXELS, confidence=confidence)
 
     @staticmethod
@@ -176,7 +176,9 @@ class View:
             rotations: [height, 3] (r_x, r_y, r_z) of every row [rad].
         """
         try:
-            motion = RotationMotion(self.width, rotations, self.focal_px(), readout=self.readout).rereferenced("first")
+            motion = RotationMotion(
+                self.width, rotations, self.focal_px(), scan_direction=self.scan_direction
+            ).rereferenced("first")
             motion.check_unfolded()
         except UnshutterError as error:
             return self.no_motion(estimator, Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))

@@ -39,11 +39,11 @@ from unshutter.single.prior import (
     TILT,
     UNKNOWNS,
     YAW,
-    Beliefs,
     KnownCamera,
     MotionKind,
+    NetworkObservation,
     Prior,
-    SecondOpinion,
+    PriorParams,
 )
 
 _DEGREES = np.arange(1, 4)
@@ -94,12 +94,12 @@ class VanishingPoints:
     These are w = (0, 1, 0), (cos yaw, 0, sin yaw), (-sin yaw, 0, cos yaw).
 
     Args:
-        turn: roll [rad] of a camera held upright: a quarter turn if the scene lies on its side.
+        rotation: roll [rad] of a camera held upright: a quarter turn if the scene lies on its side.
     """
 
-    def __init__(self, unknowns: np.ndarray, turn: float = 0.0):
+    def __init__(self, unknowns: np.ndarray, rotation: float = 0.0):
         self._focal = np.exp(unknowns[:, LOG_FOCAL, None])
-        self._roll = unknowns[:, ROLL] + turn
+        self._roll = unknowns[:, ROLL] + rotation
         self._tilt = unknowns[:, TILT]
         self._yaw = unknowns[:, YAW]
         none = np.zeros_like(self._yaw)
@@ -155,13 +155,13 @@ class VanishingPoints:
 class AngleResiduals:
     """The sine of a for every hypothesis, vanishing point and segment."""
 
-    def __init__(self, ends: tuple[EndPoints, EndPoints], unknowns: np.ndarray, turn: float = 0.0):
+    def __init__(self, ends: tuple[EndPoints, EndPoints], unknowns: np.ndarray, rotation: float = 0.0):
         motions = unknowns[:, MOTION]
         if (motions == motions[0]).all():  # one motion, many cameras: segments are rectified only once
             motions = motions[:1]
         self._ends = ends
         self._q = one, other = ends[0].rectified(motions), ends[1].rectified(motions)
-        self._vanishing = VanishingPoints(unknowns, turn)
+        self._vanishing = VanishingPoints(unknowns, rotation)
         self._d = dx, dy = other.col - one.col, other.row - one.row
         self._d2 = dx**2 + dy**2 + 1e-18
         self._m = (one.col + other.col)[:, None] / 2, (one.row + other.row)[:, None] / 2
@@ -229,14 +229,14 @@ class ManhattanLikelihood:
         segments: np.ndarray,
         rows: int,
         aspect: float = 1.0,
-        beliefs: Beliefs | None = None,
+        params: PriorParams | None = None,
         known: KnownCamera | None = None,
-        opinion: SecondOpinion | None = None,
+        observation: NetworkObservation | None = None,
         kinds: Sequence[MotionKind] = (),
     ):
-        b = beliefs or Beliefs()
+        b = params or PriorParams()
         self.known = known or KnownCamera()
-        self.prior = Prior(b, self.known, aspect, opinion, kinds)
+        self.prior = Prior(b, self.known, aspect, observation, kinds)
         self.segments = segments
         self.aspect = aspect
         self._ends = EndPoints(segments[:, :2]), EndPoints(segments[:, 2:])
@@ -385,12 +385,12 @@ def likelihood_of(
     view: View,
     segments: np.ndarray,
     size: tuple[int, int],
-    opinion: SecondOpinion | None = None,
+    observation: NetworkObservation | None = None,
     kinds: Sequence[MotionKind] = (),
-    beliefs: Beliefs | None = None,
+    params: PriorParams | None = None,
 ) -> ManhattanLikelihood:
     """Returns the likelihood of a photo's segments, with focal length, roll and tilt as far as known."""
-    return ManhattanLikelihood(segments, size[0], size[1] / size[0], beliefs, known_camera(view), opinion, kinds)
+    return ManhattanLikelihood(segments, size[0], size[1] / size[0], params, known_camera(view), observation, kinds)
 
 
 def known_camera(view: View) -> KnownCamera:

@@ -26,7 +26,7 @@ from unshutter.single.likelihood import (
     unusable,
 )
 from unshutter.single.network import SegmentNetwork
-from unshutter.single.prior import Beliefs, MotionKind, NetworkErrors, SecondOpinion, shipped
+from unshutter.single.prior import MotionKind, NetworkErrors, NetworkObservation, PriorParams, shipped
 from unshutter.single.roll import roll_error
 from unshutter.single.search import PX, Posterior, cameras_for, displacement, explore
 
@@ -87,13 +87,13 @@ class _RightAngles(Estimator):
         if reason:
             return list_single(view.no_motion(self.name, reason), view.photo.orientation)
         candidates, posterior = self._modes(view, segments, size)
-        return _with_poses(candidates, posterior, likelihood_of(view, segments, size, beliefs=_HELD_ASKEW), view)
+        return _with_poses(candidates, posterior, likelihood_of(view, segments, size, params=_HELD_ASKEW), view)
 
     @abstractmethod
     def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes: ...
 
 
-_HELD_ASKEW = Beliefs(sigma_roll=math.radians(3), sigma_askew=math.radians(6))  # of photos that are to be turned
+_HELD_ASKEW = PriorParams(sigma_roll=math.radians(3), sigma_askew=math.radians(6))  # of photos that are to be turned
 
 
 def _with_poses(
@@ -177,9 +177,9 @@ class SegmentManhattan(_WithNetwork, _RightAngles):
         """Returns the posterior including the network's estimate, and that estimate: [6] coefficients."""
         answer = self._network.coefficients(segments, view.up).ravel()
         precision = self._errors.precision(PX * displacement(answer))
-        opinion = SecondOpinion(answer, precision, self._errors.freedom)
+        observation = NetworkObservation(answer, precision, self._errors.freedom)
         towards = [view.heading * STARTS[0]] if view.heading else []
-        return explore(likelihood_of(view, segments, size, opinion, self.kinds), [answer, *towards]), answer
+        return explore(likelihood_of(view, segments, size, observation, self.kinds), [answer, *towards]), answer
 
 
 SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]

@@ -34,7 +34,7 @@ NORMAL = 1e9  # degrees of freedom at which Student's t distribution is practica
 
 
 @dataclass(frozen=True)
-class Beliefs:
+class PriorParams:
     """Priors and noise for photos in general, measured on a separate set of photos (docs/research/own-model.md).
 
     Sigmas are standard deviations. Angles are in radians, lengths in px of the picture in which segments were detected.
@@ -94,7 +94,7 @@ class KnownCamera:
 
 
 @dataclass(frozen=True)
-class SecondOpinion:
+class NetworkObservation:
     """Another estimate of the motion, with heavy-tailed errors (Student's t)."""
 
     motion: np.ndarray  # [6] coefficients
@@ -161,7 +161,7 @@ class Forest:
 
 
 @dataclass(frozen=True)
-class Experience:
+class BenefitCalibration:
     """What became of photos whose motions were undone (prospects.py)."""
 
     better: Forest  # log odds that the result is closer to the truth than the photo, if half of all photos moved
@@ -169,7 +169,7 @@ class Experience:
     moved: tuple[float, float]  # slope and constant of the log odds that the camera moved, by those of ``better``
 
     @classmethod
-    def read(cls, fields: JsonObject) -> Experience:
+    def read(cls, fields: JsonObject) -> BenefitCalibration:
         """Reads the forests from the fields of a file."""
         slope, constant = fields["moved"]
         return cls(Forest.read(fields["better"]), Forest.read(fields["error"]), (slope, constant))
@@ -181,8 +181,8 @@ class Calibration:
 
     kinds: tuple[MotionKind, ...]  # kinds of motion and their priors
     network_errors: NetworkErrors  # error distribution of the network's estimate
-    with_network: Experience  # with the search that includes the network's estimate
-    without_network: Experience  # with the search that does not
+    with_network: BenefitCalibration  # with the search that includes the network's estimate
+    without_network: BenefitCalibration  # with the search that does not
 
     @classmethod
     def read(cls, path: Path) -> Calibration:
@@ -191,8 +191,8 @@ class Calibration:
         return cls(
             kinds_of(fields["kinds"]),
             NetworkErrors.of(fields["network_errors"]),
-            Experience.read(fields["with_network"]),
-            Experience.read(fields["without_network"]),
+            BenefitCalibration.read(fields["with_network"]),
+            BenefitCalibration.read(fields["without_network"]),
         )
 
 
@@ -224,13 +224,13 @@ class Prior:
 
     def __init__(
         self,
-        beliefs: Beliefs,
+        params: PriorParams,
         known: KnownCamera,
         aspect: float,
-        opinion: SecondOpinion | None = None,
+        observation: NetworkObservation | None = None,
         kinds: Sequence[MotionKind] = (),
     ):
-        b = beliefs
+        b = params
         log_focal = math.log(b.median_focal_rows * (1 + aspect) / 2)
         sigma_log_focal = b.sigma_log_focal
         if known.log_focal is not None:
@@ -245,7 +245,7 @@ class Prior:
             ROLL: measured if known.roll is not None else (b.sigma_roll, b.sigma_askew, b.askew_share),
             TILT: measured if known.tilt is not None else (b.sigma_tilt, b.sigma_steep, b.steep_share),
         }
-        self._opinion = opinion
+        self._opinion = observation
         self._of_speed = np.zeros((6, 6)) if known.speed is None else known.speed
         self.kinds = tuple(kinds) or shipped().kinds
         self._precision = np.stack([kind.precision for kind in self.kinds])
@@ -287,8 +287,8 @@ class Prior:
         pulls = [_student_t(unknowns[:, MOTION], self._precision[kind], self._freedom[kind])]
         if self._opinion is not None:
             off = unknowns[:, MOTION] - self._opinion.motion
-            opinion = self._opinion
-            pulls.append(_student_t(off, opinion.precision, opinion.freedom))
+            observation = self._opinion
+            pulls.append(_student_t(off, observation.precision, observation.freedom))
         for part, J_motion, H_motion in pulls:
             energy = energy + part
             gradient[:, MOTION] += J_motion

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.motion.finding import KindOfMotion
-    from unshutter.single.prior import Experience
+    from unshutter.single.prior import BenefitCalibration
     from unshutter.single.search import Posterior
 
 HARM = 1.0  # a pixel lost counts as this many gained (docs/research/own-model-calibration.md shows other values)
@@ -48,7 +48,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Prospect:
+class ExpectedBenefit:
     """What undoing a motion would do."""
 
     better: float  # probability that the result is closer to the truth than the photo
@@ -61,7 +61,7 @@ class Prospect:
         return _log_odds(self.better)
 
     @property
-    def turning_point(self) -> float:
+    def decision_threshold(self) -> float:
         """Number to add to the log odds for the motion to be worth undoing; a large number if it never is."""
         lost = HARM * LOST * self.size
         gained = self.size - self.error
@@ -78,33 +78,33 @@ class Prospect:
         return self.better * max(self.size - self.error, 0.0) - harm * (1 - self.better) * LOST * self.size
 
 
-def prospect(
-    posterior: Posterior, mode: Mode, opinion: np.ndarray | None, roll_known: bool = False, shift: float = 0.0
-) -> Prospect:
+def expected_benefit(
+    posterior: Posterior, mode: Mode, network_motion: np.ndarray | None, roll_known: bool = False, shift: float = 0.0
+) -> ExpectedBenefit:
     """Returns what undoing a motion would do, if half of all photos moved.
 
     Args:
-        opinion: [6] the network's estimate; None if it was not asked.
+        network_motion: [6] the network's estimate; None if it was not asked.
         roll_known: whether the camera's roll is known and so cannot be mistaken for shear.
         shift: added to the log odds, for photos of which more or fewer moved.
     """
     size = displacement(mode.motion)
-    known = experience(opinion is not None)
-    asked = features(posterior, mode, opinion)
+    known = calibration_of(network_motion is not None)
+    asked = features(posterior, mode, network_motion)
     error = max(math.exp(known.error.of(asked)) - FAINT_PX, 0.0) / PX
     if roll_known:  # fitted to 137 photos with known attitudes, moved and still
         better = _probability(0.147 * max(posterior.evidence_of.values()) - 0.742 + shift) * mode.share
     else:
         better = _probability(known.better.of(asked) + shift)
-    return Prospect(better, error, size)
+    return ExpectedBenefit(better, error, size)
 
 
-def experience(with_network: bool) -> Experience:
+def calibration_of(with_network: bool) -> BenefitCalibration:
     """Returns what is known of searches that include the network's estimate, or do not."""
     return shipped().with_network if with_network else shipped().without_network
 
 
-def features(posterior: Posterior, mode: Mode, opinion: np.ndarray | None) -> dict[str, float]:
+def features(posterior: Posterior, mode: Mode, network_motion: np.ndarray | None) -> dict[str, float]:
     """Returns what the forests read; displacements in px of 256 rows, angles in degrees."""
     (roll, tilt, focal, _), (roll_at_rest, tilt_at_rest, focal_at_rest, _) = posterior.pose, posterior.pose_at_rest
     found = {
@@ -134,13 +134,13 @@ def features(posterior: Posterior, mode: Mode, opinion: np.ndarray | None) -> di
         "shear": PX * abs(float(mode.motion[:3].sum())),
         "turn": math.degrees(abs(float(mode.motion[3:].sum()))),
     }
-    if opinion is None:
+    if network_motion is None:
         return found
     return found | {
-        "answer_bend": PX * bend(opinion),
-        "answer_size": PX * displacement(opinion),
-        "disagreement": PX * displacement(opinion - posterior.motion),
-        "to_answer": PX * displacement(mode.motion - opinion),
+        "answer_bend": PX * bend(network_motion),
+        "answer_size": PX * displacement(network_motion),
+        "disagreement": PX * displacement(network_motion - posterior.motion),
+        "to_answer": PX * displacement(mode.motion - network_motion),
     }
 
 

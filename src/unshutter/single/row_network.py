@@ -27,7 +27,7 @@ SIZE = 256  # px of the square
 
 def square_of(view: View) -> UInt[np.ndarray, "256 256 3"]:
     """Returns the largest central square of the readout frame, RGB, of the photo's own type."""
-    pixels = view.readout.turn(view.photo.to_array())
+    pixels = view.scan_direction.to_scan_frame(view.photo.to_array())
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
     side = side_of(view)
     left, top = corner_of(view)
@@ -62,7 +62,7 @@ def motion_of_square(
         height=view.height,
         width=view.width,
         degree=degree,
-        readout=view.readout,
+        scan_direction=view.scan_direction,
     )
 
 

@@ -28,7 +28,7 @@ BANDS = 4  # of rows: the camera's motion may be uneven
 _LINES = 128  # rows, and columns, that are examined
 _CONTRAST = 60  # least contrast of an edge, in levels of 255: more than that of noise and JPEG blocks
 _SHARPEST = 10  # percentile of the edge widths that is used: noise and retouched areas may be even sharper
-_FEWEST = 30  # edges; fewer are inconclusive
+_MIN_EDGES = 30  # edges; fewer are inconclusive
 _OUTER = 0.25  # columns further than this from the centre [widths] reveal rotation
 _DOUBT = 1.5  # standard deviation of a speed, in speed limits
 _LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout: these keep its density finite
@@ -73,9 +73,9 @@ class SpeedLimit:
         per_readout = motion.height
         bands = np.array_split(np.abs(velocity) * per_readout, BANDS)
         fastest = np.array([np.median(band, axis=0) for band in bands])  # [BANDS, 2]
-        turned = np.median(np.abs(turning)) * per_readout
+        rotated = np.median(np.abs(turning)) * per_readout
         allowed = _LEEWAY * self.tx_px, _LEEWAY * self.ty_px, _LEEWAY * self.rz_rad
-        return bool((fastest > np.stack(allowed[:2], axis=1)).any() or turned > allowed[2])
+        return bool((fastest > np.stack(allowed[:2], axis=1)).any() or rotated > allowed[2])
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class EdgeWidths:
 
 
 def speed_limit(
-    edges: Callable[[], EdgeWidths], exposure_s: float | None, readout: ReadoutTime, merged: bool
+    edges: Callable[[], EdgeWidths], exposure_s: float | None, readout_time: ReadoutTime, merged: bool
 ) -> SpeedLimit | None:
     """Returns the limit that a photo's sharpness sets on the speed, or None if exposure or edges are unknown.
 
@@ -118,12 +118,12 @@ def speed_limit(
     """
     if exposure_s is None:
         return None
-    if readout.longest_s == 0:
+    if readout_time.longest_s == 0:
         return SpeedLimit(np.zeros(BANDS), np.zeros(BANDS), 0.0, exposure_s, 0.0)
     found = edges()
     if not np.isfinite([*found.along_rows, *found.along_columns, found.turning_rad]).any():
         return None
-    readout_s = math.sqrt(readout.seconds * readout.longest_s)
+    readout_s = math.sqrt(readout_time.seconds * readout_time.longest_s)
     factor = readout_s / exposure_s * (_MERGED if merged else 1)
     tx_px = factor * found.along_rows
     ty_px = factor * found.along_columns
@@ -189,4 +189,4 @@ def _by_bands(row: np.ndarray, widths: np.ndarray, height: int) -> np.ndarray:
 
 def _sharpest(widths: np.ndarray) -> float:
     """Returns the width of the sharpest edges, or infinity if there are too few."""
-    return float(np.percentile(widths, _SHARPEST)) if len(widths) >= _FEWEST else np.inf
+    return float(np.percentile(widths, _SHARPEST)) if len(widths) >= _MIN_EDGES else np.inf

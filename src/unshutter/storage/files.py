@@ -242,7 +242,7 @@ def check_target(target: Path, overwrite: bool) -> None:
 
 
 def check_motion_name(name: str) -> None:
-    """Raises UsageError if a motion file to be written is not called ``.json``: a film may have the name."""
+    """Raises UsageError if a motion file to be written is not called ``.json``: a video may have the name."""
     if not name.lower().endswith(".json"):
         raise UsageError(f"a motion is a .json file, not {name}: choose another name")
 

@@ -17,7 +17,7 @@ from unshutter.errors import UnknownRatioError
 from unshutter.frames.frame_motion import AT_REST
 from unshutter.motion.lens import Lens
 from unshutter.options import check_focal
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video import cameras, clip_gyro, gain, lenses, readout
@@ -27,7 +27,7 @@ from unshutter.video.gyro_log import GyroLog
 from unshutter.video.lenses import lens_of_clip
 from unshutter.video.readout import regression_in_survey, time_in_survey
 from unshutter.video.readout_regression import Regression
-from unshutter.video.survey import Survey, survey
+from unshutter.video.survey import SampledFrames, sample_frames
 from unshutter.video.work import Stage, Steps
 
 _LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
@@ -42,17 +42,19 @@ _Parts = Sequence[tuple[float | None, float | None]]
 class ClipCamera:
     """What is known of a clip's camera."""
 
-    readout: ReadoutTime
+    readout_time: ReadoutTime
     lens: Lens | None = None  # its lens, if it bends straight lines
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
-    direction: Readout | None = None  # in which the stored pixels were read, if the frames show another than usual
+    direction: ScanDirection | None = (
+        None  # in which the stored pixels were read, if the frames show another than usual
+    )
 
     def complete(self, request: ClipRequest) -> ClipRequest:
         """Returns the request of a clip of this camera: with its lens, and the direction in which it reads."""
-        return replace(request, lens=self.lens, readout=self.direction or request.readout)
+        return replace(request, lens=self.lens, scan_direction=self.direction or request.scan_direction)
 
 
-def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
+def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
     """Returns what the user, a clip's file and its frames tell of its camera, and the frames that were tracked for it.
 
     Of the options, only the shutter's and the selected part count, whether the horizon is kept level, and whether what
@@ -64,8 +66,8 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
         clip_gyro.check_level(log)
     parts_s, what = parts_to_survey(request, log)
     if what == LENS:
-        evidence = survey(request, _spread(request, [lenses.PART + 1])[:1])
-        evidence = survey(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
+        evidence = sample_frames(request, _spread(request, [lenses.PART + 1])[:1])
+        evidence = sample_frames(request, parts_s) if lenses.may_bend_lines(evidence) else evidence
     else:
         frames = _frames_in(request, parts_s)
         searched = frames if what == SEARCH else 0  # unless the regression is sure
@@ -76,11 +78,11 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
         surveys = {Stage.SURVEY: frames, Stage.SEARCH: readout.SOLVED * searched, Stage.SURVEY_ALL: again}
         request.work.expect(surveys | judging)
         steps = Steps(request.work, what, frames)
-        evidence = (_survey_until_sure if what == SEARCH else survey)(request, parts_s, steps)
+        evidence = (_survey_until_sure if what == SEARCH else sample_frames)(request, parts_s, steps)
     direction = _other_direction(request, evidence)
     if direction is not None:
         shutter = replace(request.options.shutter, readout=direction)
-        request = replace(request, options=replace(request.options, shutter=shutter), readout=direction)
+        request = replace(request, options=replace(request.options, shutter=shutter), scan_direction=direction)
         camera, evidence = find_camera(request)
         return replace(camera, direction=direction), evidence
     camera = camera_from(request, evidence, log)
@@ -88,20 +90,20 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, Survey]:
     return camera, evidence.through(camera.lens)
 
 
-def _survey_until_sure(request: ClipRequest, parts_s: _Parts, steps: Steps) -> Survey:
+def _survey_until_sure(request: ClipRequest, parts_s: _Parts, steps: Steps) -> SampledFrames:
     """Returns the survey of every third part, where these tell the readout for certain, or else of all parts."""
     if len(parts_s) < _AT_FIRST * _SKIPPED:
-        return survey(request, parts_s, steps)
-    first = survey(request, parts_s[1::_SKIPPED], steps)
+        return sample_frames(request, parts_s, steps)
+    first = sample_frames(request, parts_s[1::_SKIPPED], steps)
     shown = regression_in_survey(first)
     if shown is not None and (shown.is_none or shown.is_precise):
         request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: 0})
         return first
     others = [part for k, part in enumerate(parts_s) if k % _SKIPPED != 1]
-    return first.with_parts(survey(request, others, steps))
+    return first.with_parts(sample_frames(request, others, steps))
 
 
-def _other_direction(request: ClipRequest, evidence: Survey) -> Readout | None:
+def _other_direction(request: ClipRequest, evidence: SampledFrames) -> ScanDirection | None:
     """Returns the direction in which a clip's frames were read, if they show another than usual for certain."""
     if request.options.shutter.readout != "auto":
         return None
@@ -109,13 +111,13 @@ def _other_direction(request: ClipRequest, evidence: Survey) -> Readout | None:
     if shown is None:
         return None
     if shown.is_turned:
-        return Readout.LEFT_TO_RIGHT if shown.columns.ratio > 0 else Readout.RIGHT_TO_LEFT
-    return Readout.BOTTOM_TO_TOP if shown.is_sure and shown.rows.ratio < 0 else None
+        return ScanDirection.LEFT_TO_RIGHT if shown.columns.ratio > 0 else ScanDirection.RIGHT_TO_LEFT
+    return ScanDirection.BOTTOM_TO_TOP if shown.is_sure and shown.rows.ratio < 0 else None
 
 
 def camera_from(
     request: ClipRequest,
-    evidence: Survey,
+    evidence: SampledFrames,
     log: GyroLog | ClipGyro | None = None,
 ) -> ClipCamera:
     """Returns what the user, a clip's file and its tracked frames tell of its camera.
@@ -128,32 +130,32 @@ def camera_from(
     lens = lens_of_clip(request, evidence)
     request = replace(request, lens=lens)
     evidence = evidence.through(lens)
-    tag = request.clip.camera.readout if stated is None else None
+    tag = request.clip.camera.readout_time if stated is None else None
     gyro = gyro_in_survey(request, evidence, log, stated or tag) if isinstance(log, GyroLog) else log
     time = stated or (gyro and gyro.readout_time)
     if time is None:
         time = _time_of(request, evidence, gyro)
-    if gyro is not None and gyro.turns is not None:  # the time of the middle row does not change
-        alignment = replace(gyro.turns.alignment, ratio=time.ratio(interval_s).value)
-        gyro = replace(gyro, turns=replace(gyro.turns, alignment=alignment))
+    if gyro is not None and gyro.rotations is not None:  # the time of the middle row does not change
+        alignment = replace(gyro.rotations.alignment, ratio=time.ratio(interval_s).value)
+        gyro = replace(gyro, rotations=replace(gyro.rotations, alignment=alignment))
     return ClipCamera(time, lens, gyro)
 
 
-def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None) -> ReadoutTime:
+def _time_of(request: ClipRequest, evidence: SampledFrames, gyro: ClipGyro | None) -> ReadoutTime:
     """Returns the readout time that a clip's file, its frames or the table of cameras tell, or else the usual one.
 
     The rows of a clip that was stabilised in the camera have moved: only its frames can tell their times.
     """
     clip = request.clip
     stabilised = None if gyro is None else gyro.stabilised
-    if stabilised is None and (gyro is None or gyro.turns is None) and clip.camera.is_stabilised:
+    if stabilised is None and (gyro is None or gyro.rotations is None) and clip.camera.is_stabilised:
         stabilised = Reason(Code.STABILISED_IN_CAMERA)
     listed = _listed_time(request) if stabilised is None else None
     shown = regression_in_survey(evidence)
     if listed is not None and listed.plausible_s is None:
         return _compared(listed, shown, clip.interval_s)
     if shown is not None and (shown.is_sure or shown.is_likely) and 0 < shown.rows.ratio < _LONGEST:
-        return shown.readout.seconds(clip.interval_s)
+        return shown.readout_ratio.seconds(clip.interval_s)
     if shown is not None and shown.is_none:
         reason = Reason(Code.READ_AT_ONCE)
         return replace(listed or usual_time(request), instead_of=reason, declined=stabilised or reason)
@@ -169,7 +171,7 @@ def _time_of(request: ClipRequest, evidence: Survey, gyro: ClipGyro | None) -> R
         return replace(listed or usual_time(request), instead_of=error.reason, declined=stabilised or untold)
 
 
-def _why_left(evidence: Survey, shown: Regression | None, unknown: Reason) -> Reason | None:
+def _why_left(evidence: SampledFrames, shown: Regression | None, unknown: Reason) -> Reason | None:
     """Returns why a clip that does not tell its readout time is left unchanged; None if the usual time stands in.
 
     That is so where it wobbles; and where its camera did not move, or has no second frame, it has no motion to undo.
@@ -203,7 +205,7 @@ def _listed_time(request: ClipRequest) -> ReadoutTime | None:
     clip = request.clip
     named = request.options.shutter.camera
     size = (clip.width, clip.height)
-    return clip.camera.readout or cameras.listed_time(clip.tags, named, size, rate=1 / clip.interval_s)
+    return clip.camera.readout_time or cameras.listed_time(clip.tags, named, size, rate=1 / clip.interval_s)
 
 
 def usual_time(request: ClipRequest) -> ReadoutTime:

@@ -1,7 +1,7 @@
 """What a clip's camera states in its file: the readout time, and how it was set.
 
 Cameras write readout times into MP4 and QuickTime files. GoPro: SROT, in the telemetry track [ms]. Apple: a key of the
-movie or of the film's track [us]. CAMM, the motion metadata of Android and street-view cameras: packets of type 1, the
+movie or of the video's track [us]. CAMM, the motion metadata of Android and street-view cameras: packets of type 1, the
 skew from the first row to the last [ns].
 
 Sources: gopro/gpmf-parser, README (the key); QuickTime File Format Specification (metadata
@@ -37,19 +37,19 @@ _UNSIGNED = (22, 75, 76, 77, 78)
 class CameraTags:
     """What a clip's camera states in its file."""
 
-    readout: ReadoutTime | None = None  # readout time; None if it is missing or implausible
+    readout_time: ReadoutTime | None = None  # readout time; None if it is missing or implausible
     settings: dict[bytes, bytes] = field(default_factory=dict)  # of a GoPro, by their keys
 
     @classmethod
     def of(cls, movie: Movie) -> CameraTags:
         """Reads the tags of a file; what is damaged counts as missing."""
-        readout = None
+        readout_time = None
         settings = {}
         with suppress(*DAMAGE):
-            readout = _readout_time(movie)
+            readout_time = _readout_time(movie)
         with suppress(*DAMAGE):
             settings = gpmf.settings(movie)
-        return cls(readout, settings)
+        return cls(readout_time, settings)
 
     @property
     def is_stabilised(self) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from unshutter.motion.lens import Lens
 from unshutter.options.clip_options import RectifyClip
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.video.camera_tags import CameraTags
 from unshutter.video.pixels import Frame, PixelFormat
@@ -82,7 +82,7 @@ class ClipRequest:
 
     clip: Clip
     options: RectifyClip
-    readout: Readout  # direction in which the stored pixels were read
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
     work: Work  # counts what is done
     lens: Lens | None = None  # the camera's lens, if it is known to bend straight lines
 
@@ -90,13 +90,13 @@ class ClipRequest:
     def of(cls, clip: Clip, options: RectifyClip, observer: ClipObserver = SILENT) -> ClipRequest:
         """Returns the request of a clip whose readout direction is that of the options."""
         return cls(
-            clip, options, Readout.parse(options.shutter.readout), Work(observer, clip.height * clip.width / 1e6)
+            clip, options, ScanDirection.parse(options.shutter.readout), Work(observer, clip.height * clip.width / 1e6)
         )
 
     @property
     def frame_size(self) -> tuple[int, int]:
         """Height and width of the readout frame [px]."""
-        return self.readout.frame_size(self.clip.height, self.clip.width)
+        return self.scan_direction.frame_size(self.clip.height, self.clip.width)
 
     @property
     def focal(self) -> float | None:
@@ -111,7 +111,7 @@ class ClipRequest:
 
     def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
         """Returns a small grey copy of a frame, as it was read out, with a short side of about ``side`` px."""
-        return np.ascontiguousarray(self.readout.turn(self.clip.pixels.grey(frame, side)))
+        return np.ascontiguousarray(self.scan_direction.to_scan_frame(self.clip.pixels.grey(frame, side)))
 
     @property
     def frames(self) -> int:

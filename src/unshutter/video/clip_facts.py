@@ -17,7 +17,7 @@ from unshutter.photo.photo import check_size
 from unshutter.video import containers, mp4
 from unshutter.video.camera_tags import CameraTags
 from unshutter.video.clip import Clip
-from unshutter.video.containers import COVER, ExpectedLength, Extent, FilmFile, FirstTimes, FrameTiming
+from unshutter.video.containers import COVER, ExpectedLength, Extent, FirstTimes, FrameTiming, VideoFile
 from unshutter.video.pixels import COLOURS, PixelFormat
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's file
 
 @dataclass(frozen=True)
 class Coding:
-    """How the frames of a clip are encoded, as far as a new film can follow it."""
+    """How the frames of a clip are encoded, as far as a new video can follow it."""
 
     name: str  # FFmpeg's name of the codec
     tag: str  # the codec's tag in the file
@@ -49,25 +49,25 @@ class Coding:
     bits_per_s: float = 0.0  # bit rate of the frames; 0 if unknown
 
     @classmethod
-    def of(cls, file: FilmFile) -> Coding:
+    def of(cls, file: VideoFile) -> Coding:
         """Returns what an open file states."""
-        film = file.film
-        context = file.film.codec_context
+        video = file.video
+        context = file.video.codec_context
         return cls(
             name=context.name,
             tag=context.codec_tag,
             profile=context.profile,
-            rate=Fraction(film.guessed_rate or film.average_rate or 30),
-            time_base=film.time_base,
+            rate=Fraction(video.guessed_rate or video.average_rate or 30),
+            time_base=video.time_base,
             colours={name: getattr(context, name) for name in COLOURS},
-            pixel_aspect=film.sample_aspect_ratio,
-            bits_per_s=containers.bits_per_s(file.container, film),
+            pixel_aspect=video.sample_aspect_ratio,
+            bits_per_s=containers.bits_per_s(file.container, video),
         )
 
 
 @dataclass(frozen=True)
 class Others:
-    """The streams of a clip next to its film."""
+    """The streams of a clip next to its video."""
 
     has_covers: bool = False  # whether there are cover pictures
     # first packet of each stream of which there is one among those read, by the stream's index
@@ -82,13 +82,13 @@ class ClipFacts(Clip):
     kind: str  # FFmpeg's name of the file's format
     start_s: float  # time at which the file begins [s]
     others: Others = field(repr=False)  # its other streams
-    can_take_film: bool = field(repr=False)  # whether another film can be put into a copy of the file
+    can_take_video: bool = field(repr=False)  # whether another video can be put into a copy of the file
     lead_s: float = field(repr=False)  # how much earlier reading must begin so that a key frame comes first [s]
     expected: ExpectedLength = field(repr=False)  # how much of the clip there should be
     extent: Extent | None = field(repr=False)  # how much there is; None if that is as much as was to be read
     timing: FrameTiming = field(repr=False)  # how its frames get their times
 
-    def opened(self) -> AbstractContextManager[FilmFile]:
+    def opened(self) -> AbstractContextManager[VideoFile]:
         """Opens the file with PyAV; raises UnshutterError if it can no longer be read."""
         return containers.opened(self.path)
 
@@ -103,20 +103,20 @@ class ClipFacts(Clip):
             yield from self.decode(file, start, end)
 
     def decode(
-        self, file: FilmFile, start: float | None, end: float | None, others: deque[Packet] | None = None
+        self, file: VideoFile, start: float | None, end: float | None, others: deque[Packet] | None = None
     ) -> Iterator[VideoFrame]:
         """Yields the frames of the open file between two times [s] in presentation order; None means no limit.
 
         Args:
             others: receives the packets of the other streams between these times, as they are met.
         """
-        film = file.film
-        film.thread_type = "AUTO" if self.height * self.width < _LARGE else "SLICE"
+        video = file.video
+        video.thread_type = "AUTO" if self.height * self.width < _LARGE else "SLICE"
         if start and start - self.lead_s > self.expected.start_s:
-            file.container.seek(int((start - self.lead_s) / film.time_base), stream=film)
+            file.container.seek(int((start - self.lead_s) / video.time_base), stream=video)
         times = containers.Times(self.timing)
         for packet in file.packets():
-            if not file.is_of_film(packet):
+            if not file.is_of_video(packet):
                 if others is not None and packet.dts is not None and _is_within(containers.time_of(packet), start, end):
                     others.append(packet)
                 continue
@@ -148,12 +148,14 @@ def _is_within(at: float | None, start: float | None, end: float | None) -> bool
     return at is None or ((start is None or at >= start - 1e-6) and (end is None or at < end))
 
 
-def look(path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_s: float | None = 0.0) -> ClipFacts:
+def read_clip_facts(
+    path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_s: float | None = 0.0
+) -> ClipFacts:
     """Reads what a clip's file tells, in one pass.
 
     Args:
         max_pixels: clips with larger frames are rejected.
-        until_s: the file is read up to this time of the film [s], to see how much there is; None: to its end.
+        until_s: the file is read up to this time of the video [s], to see how much there is; None: to its end.
     """
     place = os.fspath(path)
     with containers.opened_bytes(place) as stream:
@@ -161,37 +163,37 @@ def look(path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_
         with suppress(*mp4.DAMAGE):
             movie = mp4.Movie.read(stream)
         ends_with_log = _ends_with_log(stream)
-        camera, can_take_film = (CameraTags(), False) if movie is None else (CameraTags.of(movie), mp4.can_take(movie))
+        camera, can_take_video = (CameraTags(), False) if movie is None else (CameraTags.of(movie), mp4.can_take(movie))
         with containers.read_by_ffmpeg(stream, place) as file:
-            film = file.film
+            video = file.video
             container = file.container
-            context = file.film.codec_context
-            _check_size(place, film.width, film.height, max_pixels)
+            context = file.video.codec_context
+            _check_size(place, video.width, video.height, max_pixels)
             if context.field_order not in _PROGRESSIVE:
                 raise containers.interlaced(place)
             pixels = PixelFormat.of(context.format)
             kind = container.format.name
-            length = film.duration * film.time_base if film.duration else (container.duration or 0) / 1_000_000
+            length = video.duration * video.time_base if video.duration else (container.duration or 0) / 1_000_000
             begun = _Beginning.read(file, until_s)
-            interval_s = begun.times.interval_s(film)
+            interval_s = begun.times.interval_s(video)
             times = begun.times
-            if film.frames > 1 and 0 < length < interval_s:
+            if video.frames > 1 and 0 < length < interval_s:
                 raise UnshutterError("{clip} is damaged: the times of its frames cannot be right", clip=place)
             if "SPHERICAL" in begun.side_data:
                 raise UnshutterError("{clip} is a 360-degree clip: its rows are not rows of the sensor", clip=place)
-            step = max(1, round(interval_s / float(film.time_base)))
+            step = max(1, round(interval_s / float(video.time_base)))
             begin = 0 if times.first is None else times.first - times.untimed * step
             data_tracks = tuple(each.metadata.get("handler_name", "").strip() for each in container.streams.data)
             return ClipFacts(
                 path=place,
                 pixels=pixels,
                 coding=Coding.of(file),
-                height=film.height,
-                width=film.width,
+                height=video.height,
+                width=video.width,
                 interval_s=interval_s,
-                frames=film.frames,
+                frames=video.frames,
                 duration_s=float(length),
-                tags={**pyav.tags(container), **pyav.tags(film)},
+                tags={**pyav.tags(container), **pyav.tags(video)},
                 camera=camera,
                 side_data=begun.side_data,
                 kind=kind,
@@ -201,10 +203,10 @@ def look(path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_
                     first=begun.first,
                 ),
                 data_tracks=data_tracks,
-                can_take_film=can_take_film,
+                can_take_video=can_take_video,
                 may_have_log=ends_with_log or bool(data_tracks),
                 lead_s=math.inf if times.first is None else _LEAD_S if kind in _NO_TABLES else 0.0,
-                expected=ExpectedLength.of(file, interval_s, bool(film.duration) and kind not in _NO_TABLES),
+                expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),
                 extent=None if begun.reaches_end else begun.extent,
                 timing=FrameTiming(begin, step, begun.delay if kind == "avi" else None),
             )
@@ -212,25 +214,25 @@ def look(path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_
 
 @dataclass
 class _Beginning:
-    """What a film's packets show as they are read for the first time."""
+    """What a video's packets show as they are read for the first time."""
 
     times: FirstTimes = field(default_factory=FirstTimes)
     extent: Extent = field(default_factory=Extent)
     first: dict[int, bytes] = field(default_factory=dict)  # first packet of each other stream
     side_data: dict[str, bytes] = field(default_factory=dict)  # of the first frame
     delay: int = 0  # the first frame's decoding time minus that of its packet [ticks]
-    reaches_end: bool = False  # whether the film reaches the time up to which it was to be read
+    reaches_end: bool = False  # whether the video reaches the time up to which it was to be read
 
     @classmethod
-    def read(cls, file: FilmFile, until_s: float | None) -> _Beginning:
+    def read(cls, file: VideoFile, until_s: float | None) -> _Beginning:
         """Reads packets up to a time [s] or, if that is None, to the end of the file; and decodes the first frame."""
         begun = cls()
         first_dts = None
         has_frame = False
         for packet in file.packets():
-            of_film = file.is_of_film(packet)
-            begun.extent.add(packet, of_film)
-            if not of_film:
+            of_video = file.is_of_video(packet)
+            begun.extent.add(packet, of_video)
+            if not of_video:
                 if packet.size:
                     begun.first.setdefault(packet.stream.index, bytes(packet))
                 continue
@@ -249,8 +251,8 @@ class _Beginning:
         begun.reaches_end = begun._reaches(file, until_s)
         return begun
 
-    def _reaches(self, file: FilmFile, until_s: float | None) -> bool:
-        return until_s is not None and self.extent.reaches(until_s, self.times.interval_s(file.film))
+    def _reaches(self, file: VideoFile, until_s: float | None) -> bool:
+        return until_s is not None and self.extent.reaches(until_s, self.times.interval_s(file.video))
 
 
 def _ends_with_log(stream: BinaryIO) -> bool:

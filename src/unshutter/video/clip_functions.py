@@ -86,7 +86,7 @@ def rectify_clip(
     """Writes a clip without its rolling-shutter distortion; prints nothing.
 
     Args:
-        source: a film.
+        source: a video.
         output: the file to write.
         progress: called with the name of a step, the number of its parts that are done, and the expected total.
         on_readout: called with the readout time and the frame interval [s] once the time is found; not called if
@@ -208,7 +208,7 @@ def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: f
     if clip is None:
         return
     request, camera, plan = make_plan(ClipRequest.of(clip, options))
-    reason = camera.readout.instead_of
+    reason = camera.readout_time.instead_of
     if reason is not None and not _shows_nothing(plan, examined):
         raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
     rendering = Rendering(request, camera, plan)

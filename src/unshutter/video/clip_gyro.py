@@ -24,13 +24,13 @@ from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.gpmf import DamagedLogError
-from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns, has_gravity
+from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroRotations, has_gravity
 from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
-from unshutter.video.survey import Survey
+from unshutter.video.survey import SampledFrames
 from unshutter.video.work import Stage
 
 _PARTS, PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
-_FEWEST = 15  # pairs of frames with usable tracks
+_MIN_PAIRS = 15  # pairs of frames with usable tracks
 _LEAST_TRACKS = 12  # of a pair
 _MISSING_S = 0.25  # at either end of a clip that a log may omit
 _BEYOND_S = 10.0  # of a log kept at either end of a clip
@@ -44,7 +44,7 @@ class ClipGyro:
 
     origin: str  # where the log comes from
     synchronisation: Synchronisation | None  # how the log is aligned with the clip; None if they could not be compared
-    turns: GyroTurns | None  # the camera's rotation; None if the log is not used
+    rotations: GyroRotations | None  # the camera's rotation; None if the log is not used
     reason: Reason | None  # why the log is not used; None if it is
     stated: ReadoutTime | None = None  # readout time stated in the log; None if it states none, or none is needed
 
@@ -98,7 +98,9 @@ def log_of_clip(request: ClipRequest) -> GyroLog | ClipGyro | None:
     return log
 
 
-def gyro_in_survey(request: ClipRequest, evidence: Survey, log: GyroLog, known: ReadoutTime | None = None) -> ClipGyro:
+def gyro_in_survey(
+    request: ClipRequest, evidence: SampledFrames, log: GyroLog, known: ReadoutTime | None = None
+) -> ClipGyro:
     """Returns the gyro log of a clip, synchronised with its tracked frames.
 
     Args:
@@ -113,7 +115,7 @@ def gyro_in_survey(request: ClipRequest, evidence: Survey, log: GyroLog, known: 
     known = known or stated
     ratio = known and known.ratio(clip.interval_s).value
     pairs = list(_pairs(evidence))
-    if len(pairs) < _FEWEST:
+    if len(pairs) < _MIN_PAIRS:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
     request.work.expect({Stage.SURVEY: 0, Stage.ALIGN: _ROUNDS * len(pairs)})
@@ -125,8 +127,8 @@ def gyro_in_survey(request: ClipRequest, evidence: Survey, log: GyroLog, known: 
     if reason is None and not _covers(log, begin_s, end_s):
         reason = Reason(Code.GYRO_TOO_SHORT)
     part = log.between(begin_s - _BEYOND_S, end_s + _BEYOND_S)
-    turns = GyroTurns(part, synchronisation.alignment) if reason is None else None
-    return ClipGyro(log.origin, synchronisation, turns, reason, stated)
+    rotations = GyroRotations(part, synchronisation.alignment) if reason is None else None
+    return ClipGyro(log.origin, synchronisation, rotations, reason, stated)
 
 
 def check_level(log: GyroLog | ClipGyro | None) -> None:
@@ -134,7 +136,7 @@ def check_level(log: GyroLog | ClipGyro | None) -> None:
     if isinstance(log, GyroLog):
         _check_gravity(log)
     else:
-        level_turns(log)
+        level_rotations(log)
 
 
 def _check_gravity(log: GyroLog) -> None:
@@ -144,17 +146,17 @@ def _check_gravity(log: GyroLog) -> None:
         )
 
 
-def level_turns(gyro: ClipGyro | None) -> GyroTurns:
+def level_rotations(gyro: ClipGyro | None) -> GyroRotations:
     """Returns the turns by a clip's gyro log, with which it is kept level; raises UsageError without any."""
     if gyro is None:
         raise UsageError(
             "{--level} needs a gyro log with acceleration, and the clip has no log: name one with {--gyro}"
         )
-    if gyro.turns is None:
+    if gyro.rotations is None:
         cause = f"which cannot be used: {gyro.reason}"
         raise UsageError(f"{{--level}} needs the clip's gyro log ({gyro.origin}), {cause}; leave out {{--level}}")
-    _check_gravity(gyro.turns.log)
-    return gyro.turns
+    _check_gravity(gyro.rotations.log)
+    return gyro.rotations
 
 
 def _span(request: ClipRequest) -> tuple[float, float]:
@@ -202,7 +204,7 @@ def _liveliness(log: GyroLog, begin_s: float, length_s: float) -> float:
     return float(np.diff(angles, axis=0).std(axis=0).sum() * PART / length_s)
 
 
-def _pairs(evidence: Survey) -> Iterator[Pair]:
+def _pairs(evidence: SampledFrames) -> Iterator[Pair]:
     """Yields the tracks between consecutive frames, of so many at most."""
     few = sum(map(len, evidence.parts)) <= _PARTS * PART
     for run in evidence.parts if few else evidence.runs(_PARTS, PART):
@@ -317,7 +319,7 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
     of the picture's turns is not noise.
     """
     scale = np.array([1, 1, _HALF / alignment.focal_px])
-    gyro = GyroTurns(log, alignment)
+    gyro = GyroRotations(log, alignment)
     halves = []
     logged = []
     for pair in pairs:
@@ -326,25 +328,27 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
         predicted = replace(tracks, end=tracks.start + tracks.end - still.end)
         odd = np.arange(len(tracks)) % 2 > 0
         parts = (tracks.only(odd), tracks.only(~odd), predicted)
-        one, other, by_log = (turns(replace(pair, tracks=part), alignment.focal_px)[:3] * scale for part in parts)
+        one, other, by_log = (
+            frame_rotations(replace(pair, tracks=part), alignment.focal_px)[:3] * scale for part in parts
+        )
         halves.append((one, other))
         logged.append(by_log)
     seen = np.array(halves)
-    turned = np.array(logged)
+    rotated = np.array(logged)
     seen = seen - seen.mean(axis=0)
-    turned = turned - turned.mean(axis=0)
-    size = float(np.sqrt((turned**2).sum(axis=1).mean()))
-    changes = np.diff(seen, axis=0), np.diff(turned, axis=0)
-    return min(_correlation(seen, turned), _correlation(*changes)), size
+    rotated = rotated - rotated.mean(axis=0)
+    size = float(np.sqrt((rotated**2).sum(axis=1).mean()))
+    changes = np.diff(seen, axis=0), np.diff(rotated, axis=0)
+    return min(_correlation(seen, rotated), _correlation(*changes)), size
 
 
-def _correlation(seen: np.ndarray, turned: np.ndarray) -> float:
+def _correlation(seen: np.ndarray, rotated: np.ndarray) -> float:
     """Correlates both halves [n, 2, 3] of the seen turns with the logged turns [n, 3]; 1 if there is only noise."""
     signal = (seen[:, 0] * seen[:, 1]).sum()
-    logged = (turned**2).sum()
-    if logged < len(turned) * _LEAST_PX**2:
+    logged = (rotated**2).sum()
+    if logged < len(rotated) * _LEAST_PX**2:
         return 1.0
-    together = (seen.mean(axis=1) * turned).sum()
+    together = (seen.mean(axis=1) * rotated).sum()
     return float(min(together / np.sqrt(max(signal, _NO_SIGNAL * logged) * logged), 1.0))
 
 
@@ -362,7 +366,7 @@ def _ways() -> np.ndarray:
     return np.array(ways)
 
 
-def turns(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
+def frame_rotations(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
     """Fits turns about three axes and growth to a pair of frames [px of ROWS rows: angle times focal length]."""
     jacobian, moved = track_jacobian(pair.tracks, focal_px)
     jacobian = jacobian.reshape(-1, 4)
@@ -380,7 +384,7 @@ def _coarse(
     log: GyroLog, pairs: Sequence[Pair], offsets_s: Sequence[tuple[float, float]], lag_s: float, focal_px: float
 ) -> list[tuple[np.ndarray, float, float]]:
     """Finds axes, offset [s] and focal length [px of ROWS rows] at which frames and log agree best, and rivals."""
-    seen = np.array([turns(pair, focal_px)[:3] for pair in pairs]) * [1, 1, _HALF / focal_px]
+    seen = np.array([frame_rotations(pair, focal_px)[:3] for pair in pairs]) * [1, 1, _HALF / focal_px]
     seen -= seen.mean(axis=0)
     begin, end = (np.array([getattr(pair, name) for pair in pairs]) for name in ("begin_s", "end_s"))
     ways = _ways()
@@ -426,7 +430,7 @@ def _sums(
     times = begin.min() + first_s + step_s * np.arange(lags + count)
     usual_s = float(np.median(end - begin))
     angles = log.angles(times)
-    turned = log.angles(times + usual_s) - angles
+    rotated = log.angles(times + usual_s) - angles
 
     def kernel(at: np.ndarray, weights: np.ndarray) -> np.ndarray:
         place = (at - begin.min()) / step_s
@@ -441,4 +445,4 @@ def _sums(
     kernels = [kernel(begin, each) - kernel(end, each) for each in seen.T]
     cross = np.stack([along(angles, each[:, None]) for each in kernels], axis=1)
     one = kernel(begin, np.ones(len(begin)))[:, None]
-    return cross, np.maximum(along(turned**2, one) - along(turned, one) ** 2 / len(begin), 0)
+    return cross, np.maximum(along(rotated**2, one) - along(rotated, one) ** 2 / len(begin), 0)

@@ -16,7 +16,7 @@ from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
 from unshutter.video.clip import ClipRequest
 from unshutter.video.frame_map import View
-from unshutter.video.gyro_fit import GyroTurns
+from unshutter.video.gyro_fit import GyroRotations
 from unshutter.video.pixels import Frame
 from unshutter.video.row_samples import as_kept, step_as_kept
 from unshutter.video.scene_check import SceneCheck
@@ -60,7 +60,7 @@ def window_for(size: float) -> Window:
 def camera_motion(
     request: ClipRequest,
     time: ReadoutTime,
-    turns: GyroTurns | None = None,
+    gyro_rotations: GyroRotations | None = None,
     keep_out: int | None = None,
     focal_px: float | None = None,
     stage: Stage = Stage.FIT,
@@ -71,15 +71,15 @@ def camera_motion(
         stage: as what its fits are counted.
     """
     focal_px = focal_px or (request.focal and request.focal * request.frame_size[0])
-    if focal_px is None and turns is not None:
-        focal_px = turns.focal_px(request.frame_size[0])
+    if focal_px is None and gyro_rotations is not None:
+        focal_px = gyro_rotations.focal_px(request.frame_size[0])
     return CameraMotion(
         ratio=time.ratio(request.clip.interval_s),
         focal_px=focal_px,
-        readout=request.readout,
+        scan_direction=request.scan_direction,
         window=window_for(request.clip.frame_bytes),
         fewest=FEWEST,
-        turns=turns,
+        known_rotations=gyro_rotations,
         whole_path=True,
         keep_out=keep_out,
         lens=request.lens,
@@ -95,7 +95,7 @@ def grey_copies(request: ClipRequest, frames: Iterable[Frame]) -> Iterator[GreyF
         since = request.clip.since(before, frame)
         if since is None:
             yield None
-        grey, size = request.grey(frame, COPY_SIDE), request.readout.frame_size(frame.height, frame.width)
+        grey, size = request.grey(frame, COPY_SIDE), request.scan_direction.frame_size(frame.height, frame.width)
         yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=frame.time or 0.0)
         before = frame
 
@@ -104,16 +104,16 @@ def with_motion(
     request: ClipRequest,
     frames: Iterable[Frame],
     time: ReadoutTime,
-    turns: GyroTurns | None = None,
+    gyro_rotations: GyroRotations | None = None,
     with_steps: bool = False,
 ) -> Iterator[MovingFrame]:
     """Yields the frames of a clip with their motion; they are delayed by some frames.
 
     Args:
-        turns: the camera's rotation from a gyro; None to use only the frames.
+        gyro_rotations: the camera's rotation from a gyro; None to use only the frames.
         with_steps: whether the camera's rotation since the previous frame is needed.
     """
-    camera = camera_motion(request, time, turns)
+    camera = camera_motion(request, time, gyro_rotations)
     waiting: deque[Frame] = deque()
 
     def read() -> Iterator[Frame]:
@@ -132,7 +132,7 @@ def with_motion(
 
 def small_finding(motion: FrameMotion) -> Finding:
     """Returns the motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
-    rows = ROWS if motion.turns is None else GYRO_ROWS
+    rows = ROWS if motion.rotations is None else GYRO_ROWS
     width = max(1, round(motion.width * rows / motion.height))
     return replace(motion, height=rows, width=width).finding()
 
@@ -174,7 +174,7 @@ def _mixed(scene: int, none: Finding, known: list[_Known]) -> Finding:
         alike = known
     shares = [(found.motion, max(0.0, 1 - apart / _FADED)) for _, found, apart in alike]
     total = max(1.0, sum(share for _, share in shares))
-    turns = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
-    if not turns:
+    rotations = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
+    if not rotations:
         return none
-    return Finding(replace(turns[0][0], rotations=sum(share * motion.rotations for motion, share in turns)))
+    return Finding(replace(rotations[0][0], rotations=sum(share * motion.rotations for motion, share in rotations)))

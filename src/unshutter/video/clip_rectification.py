@@ -21,12 +21,11 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
-from unshutter.video import cameras, film_file, mp4
+from unshutter.video import cameras, mp4, video_writer
 from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import ClipFacts, look
+from unshutter.video.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.encoders import Encoder
-from unshutter.video.film_file import FilmWriter, fitted, holds_covers, start_of, writing
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.motion_file import MotionWriter
 from unshutter.video.outcome import ClipOutcome, Tally
@@ -41,6 +40,7 @@ from unshutter.video.rendering import (
     with_known_motion,
     with_steady_views,
 )
+from unshutter.video.video_writer import VideoWriter, fitted, holds_covers, start_of, writing
 from unshutter.video.work import Stage
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
@@ -61,9 +61,9 @@ def rectify_clip_file(
         planned: makes the plan, or knows the one that was made before.
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
-    clip = look(path, options.max_pixels, until_s=options.end)
+    clip = read_clip_facts(path, options.max_pixels, until_s=options.end)
     _check_clip(clip, options)
-    film = _Output.of(clip, options, target)
+    video = _Output.of(clip, options, target)
     request = ClipRequest.of(clip, options, observer)
     request.work.expect(expected(request, Undo()))
     request, camera, plan = planned(request)
@@ -76,17 +76,17 @@ def rectify_clip_file(
     steady = rendering.stabilisation
     straight = rendering.straight
     if steady is not None and not steady.is_idle:
-        film = replace(film, may_be_copy=False)
-    if isinstance(rendering.plan, Leave) and film.may_be_copy:
-        written = _copy(rendering, film, rendering.plan)
+        video = replace(video, may_be_copy=False)
+    if isinstance(rendering.plan, Leave) and video.may_be_copy:
+        written = _copy(rendering, video, rendering.plan)
     else:
-        written = _write(rendering, film)
+        written = _write(rendering, video)
     tally = written.tally
     aspect = request.frame_size[1] / request.frame_size[0]
     outcome = ClipOutcome(
         source=source,
         output=output,
-        readout=camera.readout,
+        readout_time=camera.readout_time,
         interval_s=clip.interval_s,
         model=options.undo.model,
         written=written.is_written,
@@ -97,7 +97,7 @@ def rectify_clip_file(
         reasons=tally.reasons,
         cuts_s=tally.cuts_s,
         left_out=written.left_out,
-        turns=tally.turns,
+        rotations=tally.rotations,
         gyro=camera.gyro,
         stabilisation=steady,
         enlargement=rendering.enlargement,
@@ -107,7 +107,7 @@ def rectify_clip_file(
         direction=camera.direction,
     )
     if options.preview is not None and outcome.written:
-        film_file.write_preview(options.preview, clip, str(target), options.start, outcome.frames, options.overwrite)
+        video_writer.write_preview(options.preview, clip, str(target), options.start, outcome.frames, options.overwrite)
     if options.plot is not None:
         outcome.plot(options.plot, options.overwrite)
     request.work.finish()
@@ -131,7 +131,7 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
     files = RunFiles(options, reads=[Path(path)])
     files.writes("--output", target)
     files.check(target)
-    film_file.check_endings(target, options.preview)
+    video_writer.check_endings(target, options.preview)
     if options.plot is not None:
         check_plot(options.plot)
     if options.save_motion is not None:
@@ -166,20 +166,20 @@ def _on_this_machine(source: str) -> str:
 
 @dataclass(frozen=True)
 class _Output:
-    """The new film."""
+    """The new video."""
 
     clip: ClipFacts
     target: Path
     encoder: Encoder
     into_copy: bool  # whether the new frames replace those in a copy of the clip's file
-    kind: str  # file ending of the film that FFmpeg writes
+    kind: str  # file ending of the video that FFmpeg writes
     may_be_copy: bool  # whether the clip's file can be copied if no frame changes: nothing else is to be written
 
     @classmethod
     def of(cls, clip: ClipFacts, options: RectifyClip, target: Path) -> _Output:
         kind = target.suffix.lower()
         alike = options.start is None and options.end is None and kind == Path(clip.path).suffix.lower()
-        into_copy = alike and kind in _MP4 and clip.can_take_film
+        into_copy = alike and kind in _MP4 and clip.can_take_video
         if into_copy and kind != ".mov":
             kind = ".mp4"
         simple = alike and options.may_be_copy
@@ -188,14 +188,14 @@ class _Output:
 
 @dataclass(frozen=True)
 class _Written:
-    """What became of a clip's frames, and of the new film."""
+    """What became of a clip's frames, and of the new video."""
 
     tally: Tally
-    is_written: bool = True  # whether there is a new film
-    left_out: list[str] = field(default_factory=list)  # streams of the clip that the new film cannot hold
+    is_written: bool = True  # whether there is a new video
+    left_out: list[str] = field(default_factory=list)  # streams of the clip that the new video cannot hold
 
 
-def _copy(rendering: Rendering, film: _Output, plan: Leave) -> _Written:
+def _copy(rendering: Rendering, output: _Output, plan: Leave) -> _Written:
     """Copies a clip in which nothing changes, unless the user wants no output then; but damage is not copied."""
     request = rendering.request
     options = rendering.request.options
@@ -216,16 +216,16 @@ def _copy(rendering: Rendering, film: _Output, plan: Leave) -> _Written:
         if motions is not None:
             motions.end()
         if not options.only_changed:
-            part = stack.enter_context(written_whole(film.target, options.overwrite))
+            part = stack.enter_context(written_whole(output.target, options.overwrite))
             shutil.copyfile(request.clip.path, part)
     return _Written(tally, is_written=not options.only_changed)
 
 
-def _write(rendering: Rendering, film: _Output) -> _Written:
-    """Writes the film, or copies the clip if nothing changes and the user wants nothing else of it."""
+def _write(rendering: Rendering, output: _Output) -> _Written:
+    """Writes the video, or copies the clip if nothing changes and the user wants nothing else of it."""
     request = rendering.request
     options = rendering.request.options
-    clip = film.clip
+    clip = output.clip
     warper = Warper(request.clip, options.undo)
     if warper.undo.edges == "crop":
         rendering = with_known_motion(rendering)
@@ -239,29 +239,29 @@ def _write(rendering: Rendering, film: _Output) -> _Written:
         return is_changed() or not options.only_changed
 
     with ExitStack() as stack:
-        part = stack.enter_context(written_whole(film.target, options.overwrite, is_wanted=is_wanted))
+        part = stack.enter_context(written_whole(output.target, options.overwrite, is_wanted=is_wanted))
         motions = None
         if options.save_motion is not None:
             motions = stack.enter_context(_writing_motions(rendering, options.save_motion, is_wanted))
         source = stack.enter_context(clip.opened())
         frames_file = None
-        if film.into_copy or holds_covers(film.kind, clip):
-            frames_file = stack.enter_context(tempfile.TemporaryFile(dir=film.target.parent))
-        container = stack.enter_context(writing(frames_file or part, film.kind, clip.ticks))
-        ending, start_s = (None, 0.0) if film.into_copy else (film.kind, start_of(clip, film.kind))
+        if output.into_copy or holds_covers(output.kind, clip):
+            frames_file = stack.enter_context(tempfile.TemporaryFile(dir=output.target.parent))
+        container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
+        ending, start_s = (None, 0.0) if output.into_copy else (output.kind, start_of(clip, output.kind))
         start_s = start_s if options.start is None else max(start_s, options.start)
-        writer = FilmWriter(container, source, clip, film.encoder, ending, warper.size, start_s, request.work)
-        decoded = clip.decode(source, options.start, options.end, None if film.into_copy else writer.waiting)
+        writer = VideoWriter(container, source, clip, output.encoder, ending, warper.size, start_s, request.work)
+        decoded = clip.decode(source, options.start, options.end, None if output.into_copy else writer.waiting)
         frames = stack.enter_context(closing(rendering.rectified(warper, decoded)))
         _write_frames(request, frames, tally, motions, writer)
         if not is_wanted():
             return _Written(tally, is_written=False)
-        if not is_changed() and film.may_be_copy:
+        if not is_changed() and output.may_be_copy:
             shutil.copyfile(clip.path, part)
             return _Written(tally)
-        if film.into_copy and frames_file is not None:
+        if output.into_copy and frames_file is not None:
             with part.open("r+b") as out:
-                mp4.write_with_film(source.stream, frames_file, out)
+                mp4.write_with_video(source.stream, frames_file, out)
         elif frames_file is not None:
             with part.open("r+b") as out:
                 mp4.write_with_covers(frames_file, writer.covers, out)
@@ -275,13 +275,13 @@ def _writing_motions(
     request = rendering.request
     written = written_whole(path, request.options.overwrite, is_wanted=is_wanted)
     with written as part, part.open("w", encoding="utf-8") as stream:
-        yield MotionWriter(stream, request, rendering.camera.readout)
+        yield MotionWriter(stream, request, rendering.camera.readout_time)
 
 
 def _write_frames(
-    request: ClipRequest, frames: Iterable[NewFrame], tally: Tally, motions: MotionWriter | None, writer: FilmWriter
+    request: ClipRequest, frames: Iterable[NewFrame], tally: Tally, motions: MotionWriter | None, writer: VideoWriter
 ) -> None:
-    """Writes the frames to the film, and their motion; counts each."""
+    """Writes the frames to the video, and their motion; counts each."""
     steps = request.steps("frames", Stage.DRAW)
     for frame in frames:
         tally.add(frame.source)

@@ -1,4 +1,4 @@
-"""Film files as read by PyAV: the video stream, its packets, frames and their times; and files that are cut off."""
+"""Video files as read by PyAV: the video stream, its packets, frames and their times; and files that are cut off."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ _KINDS = (
 )
 _LARGEST_FRAME = 1 << 28  # px; a decoder allocates memory before its frames' size can be checked
 _STATE_SECONDS = ("matroska", "flv", "asf")  # FFmpeg's names of formats whose headers hold the length in seconds
-_NEAR = 1.5  # frame intervals: tolerance of the end of a film
+_NEAR = 1.5  # frame intervals: tolerance of the end of a video
 _SHORT = 2.0  # frame intervals: tolerance if another stream may be the longest in a cut-off file
 _REORDERED = 32  # frames within which decoding and presentation order may differ
 _SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which headers of complete files may be wrong
 
 
 @dataclass(frozen=True)
-class FilmFile:
-    """A film's file, open for reading."""
+class VideoFile:
+    """A video's file, open for reading."""
 
     path: str
     stream: BinaryIO  # the file, through which FFmpeg reads: to be used otherwise only before or after its packets
     container: Any  # PyAV's
-    film: Any  # its first stream of moving pictures
+    video: Any  # its first stream of moving pictures
 
     def packets(self) -> Iterator[Packet]:
         """Yields the packets of all streams; raises UnshutterError if they cannot be read."""
@@ -55,23 +55,23 @@ class FilmFile:
         except av().error.FFmpegError as error:
             raise UnshutterError(f"cannot read {{clip}} to its end: {error.strerror}", clip=self.path) from None
 
-    def is_of_film(self, packet: Packet) -> bool:
+    def is_of_video(self, packet: Packet) -> bool:
         """Whether a packet belongs to the moving pictures."""
-        return packet.stream.index == self.film.index  # packet.stream_index is 0 in the final, empty packets
+        return packet.stream.index == self.video.index  # packet.stream_index is 0 in the final, empty packets
 
 
 @contextmanager
-def opened(place: str, **options: str) -> Iterator[FilmFile]:
-    """Opens a film for reading, with options of FFmpeg's."""
-    with opened_bytes(place) as stream, read_by_ffmpeg(stream, place, **options) as film:
-        yield film
+def opened(place: str, **options: str) -> Iterator[VideoFile]:
+    """Opens a video for reading, with options of FFmpeg's."""
+    with opened_bytes(place) as stream, read_by_ffmpeg(stream, place, **options) as video:
+        yield video
 
 
 @contextmanager
 def opened_bytes(place: str) -> Iterator[BinaryIO]:
-    """Opens a film's file."""
+    """Opens a video's file."""
     if os.path.isdir(place):
-        raise UnshutterError(f"{{clip}} is a folder, not a film: {JOIN}", clip=place)
+        raise UnshutterError(f"{{clip}} is a folder, not a video: {JOIN}", clip=place)
     check_plain(Path(place))
     try:  # absolute path, because text before a colon would be taken for a protocol
         stream = open(os.path.abspath(place), "rb")  # noqa: SIM115
@@ -82,8 +82,8 @@ def opened_bytes(place: str) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def read_by_ffmpeg(stream: BinaryIO, place: str, **options: str) -> Iterator[FilmFile]:
-    """Yields a film through whose open file PyAV reads, from its beginning."""
+def read_by_ffmpeg(stream: BinaryIO, place: str, **options: str) -> Iterator[VideoFile]:
+    """Yields a video through whose open file PyAV reads, from its beginning."""
     settings = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME), **options}
     library = av()  # outside the try: Ctrl-C during its import would leave half a module for the clause below
     stream.seek(0)
@@ -92,16 +92,16 @@ def read_by_ffmpeg(stream: BinaryIO, place: str, **options: str) -> Iterator[Fil
     except (OSError, ValueError, library.error.FFmpegError) as error:
         raise _unreadable(place, error.strerror if isinstance(error, OSError) else "") from None
     try:
-        films = [s for s in container.streams.video if not s.disposition & COVER]
-        if not films or films[0].codec_context is None:
+        videos = [s for s in container.streams.video if not s.disposition & COVER]
+        if not videos or videos[0].codec_context is None:
             raise UnshutterError("{clip} contains no video, or an unknown kind", clip=place)
-        yield FilmFile(place, stream, container, films[0])
+        yield VideoFile(place, stream, container, videos[0])
     finally:
         container.close()
 
 
 def _unreadable(place: str, cause: str | None) -> UnshutterError:
-    cause = cause or "no film that can be read; the file may be cut off or damaged"
+    cause = cause or "no video that can be read; the file may be cut off or damaged"
     return UnshutterError(f"cannot read {{clip}}: {cause}", clip=place)
 
 
@@ -124,21 +124,21 @@ def interlaced(place: str) -> UnshutterError:
 
 
 def damaged(place: str, at: float | None) -> UnshutterError:
-    """Returns the error for a film that is damaged at a given time [s]."""
+    """Returns the error for a video that is damaged at a given time [s]."""
     where = "" if at is None else f" at {at:.1f} s"
     return UnshutterError(f"{{clip}} is damaged{where}: use the intact part with {{--start}} and {{--end}}", clip=place)
 
 
 class FirstTimes:
-    """The times of a film's first packets, from which its usual frame interval is determined."""
+    """The times of a video's first packets, from which its usual frame interval is determined."""
 
     def __init__(self) -> None:
-        self._times: list[int] = []  # ticks of the film
+        self._times: list[int] = []  # ticks of the video
         self.untimed = 0  # number of packets before the first that has a time
 
     @property
     def first(self) -> int | None:
-        """The earliest time [ticks of the film]; None if no packet has one."""
+        """The earliest time [ticks of the video]; None if no packet has one."""
         return min(self._times, default=None)
 
     @property
@@ -147,7 +147,7 @@ class FirstTimes:
         return len(self._times) + self.untimed > _LOOKED_AT
 
     def add(self, packet: Packet) -> None:
-        """Adds the next packet of the film, unless those before it are enough."""
+        """Adds the next packet of the video, unless those before it are enough."""
         if self.are_enough:
             return
         if packet.pts is not None:
@@ -155,21 +155,21 @@ class FirstTimes:
         elif not self._times and packet.size:
             self.untimed += 1
 
-    def interval_s(self, film: Any) -> float:
+    def interval_s(self, video: Any) -> float:
         """Returns the usual frame interval [s]: the median, or the stated one that is close to it."""
         times = sorted(set(self._times))
         if len(self._times) > 8:
             times = times[:-4]  # the last ones may not be complete yet
         gaps = sorted(b - a for a, b in pairwise(times))
-        stated = [1 / float(rate) for rate in (film.guessed_rate, film.average_rate) if rate]
+        stated = [1 / float(rate) for rate in (video.guessed_rate, video.average_rate) if rate]
         if not gaps:
             return (stated or [1 / 30])[0]
-        usual = float(gaps[len(gaps) // 2] * film.time_base)
-        return next((s for s in stated if abs(s - usual) <= 1.01 * film.time_base), usual)
+        usual = float(gaps[len(gaps) // 2] * video.time_base)
+        return next((s for s in stated if abs(s - usual) <= 1.01 * video.time_base), usual)
 
 
 def bits_per_s(container: Any, stream: Any) -> float:
-    """Returns a film's bit rate as its file states it, or else that of the file without sound and attachments.
+    """Returns a video's bit rate as its file states it, or else that of the file without sound and attachments.
 
     0 if unknown.
     """
@@ -188,9 +188,9 @@ def bits_per_s(container: Any, stream: Any) -> float:
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """The rule by which a film's frames get their times."""
+    """The rule by which a video's frames get their times."""
 
-    start: int  # time of the first frame if it has none [ticks of the film]
+    start: int  # time of the first frame if it has none [ticks of the video]
     step: int  # usual time from one frame to the next [ticks]
     # in files that store decoding times only (AVI), the decoding time minus the presentation time [ticks]; None for
     # files with presentation times
@@ -217,51 +217,51 @@ class Times:
         frame.pts = self._last = at
 
 
-# ---- films whose file is cut off --------------------------------------------------------------------------
+# ---- videos whose file is cut off --------------------------------------------------------------------------
 
 
 @dataclass
 class Extent:
-    """How far the packets of a film's file reach, as far as they were read."""
+    """How far the packets of a video's file reach, as far as they were read."""
 
-    frames: int = 0  # number of packets of the film
-    film_s: float = -math.inf  # end of the film [s]
+    frames: int = 0  # number of packets of the video
+    video_s: float = -math.inf  # end of the video [s]
     all_s: float = -math.inf  # end of all streams [s]
     torn: bool = False  # whether the last packet is damaged
     latest: deque[float] = field(default_factory=lambda: deque(maxlen=_REORDERED))  # ends of the last frames [s]
 
-    def add(self, packet: Packet, of_film: bool) -> None:
+    def add(self, packet: Packet, of_video: bool) -> None:
         """Adds the next packet."""
         if not packet.size:
             return
         at = time_of(packet)
         at = -math.inf if at is None else at + float((packet.duration or 0) * packet.time_base)
         self.torn, self.all_s = packet.is_corrupt, max(self.all_s, at)
-        if of_film:
+        if of_video:
             self.frames += 1
-            self.film_s = max(self.film_s, at)
+            self.video_s = max(self.video_s, at)
             self.latest.append(at)
 
     def reaches(self, end_s: float, interval_s: float) -> bool:
-        """Whether the film reaches a time [s], within the tolerance of the end of a film."""
-        return self.film_s >= end_s - _NEAR * interval_s
+        """Whether the video reaches a time [s], within the tolerance of the end of a video."""
+        return self.video_s >= end_s - _NEAR * interval_s
 
 
 @dataclass(frozen=True)
 class ExpectedLength:
-    """The length of a film as its file states it."""
+    """The length of a video as its file states it."""
 
     frames: int  # number of frames in its tables; 0 if unknown
     seconds: float | None  # end time of its longest stream, if it is stated in seconds; None if unknown
     interval_s: float  # usual frame interval [s]
-    start_s: float  # start time of the film [s]
+    start_s: float  # start time of the video [s]
     end_s: float | None  # end time according to its tables [s]; None if unknown
 
     @classmethod
-    def of(cls, file: FilmFile, interval_s: float, has_tables: bool) -> ExpectedLength:
-        """Returns what an open file states about its film."""
+    def of(cls, file: VideoFile, interval_s: float, has_tables: bool) -> ExpectedLength:
+        """Returns what an open file states about its video."""
         container = file.container
-        stream = file.film
+        stream = file.video
         kind = container.format.name.partition(",")[0]
         frames = stream.frames
         seconds = None
@@ -274,27 +274,27 @@ class ExpectedLength:
         return cls(frames, seconds, interval_s, start_s, end_s)
 
     def check(self, path: str, seen: Extent) -> None:
-        """Raises UnshutterError if a film that was read to the end of its file ends earlier than stated."""
-        film_s = seen.film_s
+        """Raises UnshutterError if a video that was read to the end of its file ends earlier than stated."""
+        video_s = seen.video_s
         if seen.torn or seen.frames < self.frames:  # up to the first gap among its last frames
             ends = sorted(seen.latest)
-            film_s = next((a for a, b in pairwise(ends) if b - a > _NEAR * self.interval_s), film_s)
-        problem = self._problem(seen.frames, film_s, seen.all_s, seen.torn)
+            video_s = next((a for a, b in pairwise(ends) if b - a > _NEAR * self.interval_s), video_s)
+        problem = self._problem(seen.frames, video_s, seen.all_s, seen.torn)
         if problem is not None:
-            until = math.floor(10 * film_s) / 10 if math.isfinite(film_s) else 0.0
+            until = math.floor(10 * video_s) / 10 if math.isfinite(video_s) else 0.0
             way = f"; {{--end}} {until:.1f} keeps what is there" if until > max(self.start_s, 0.0) else ""
             raise UnshutterError(f"{{clip}} {problem}: the file is cut off{way}", clip=path)
 
-    def _problem(self, frames: int, film_s: float, all_s: float, torn: bool) -> str | None:
-        """Returns what is wrong with a file's end, from its number of frames and the ends of its film and streams."""
+    def _problem(self, frames: int, video_s: float, all_s: float, torn: bool) -> str | None:
+        """Returns what is wrong with a file's end, from its number of frames and the ends of its video and streams."""
         if frames < self.frames:
-            if self.end_s and film_s < self.end_s - _NEAR * self.interval_s:
-                return f"ends early, {self._share(film_s, self.end_s)}"
+            if self.end_s and video_s < self.end_s - _NEAR * self.interval_s:
+                return f"ends early, {self._share(video_s, self.end_s)}"
             return f"ends after {frames} of its {self.frames} frames"
         if self.seconds is not None and not self.frames:
-            missing = self.seconds - self._since(film_s if torn else all_s, self.seconds)
+            missing = self.seconds - self._since(video_s if torn else all_s, self.seconds)
             if missing > (_SHORT * self.interval_s if torn else max(_SLOPPY * self.interval_s, _SLOPPY_S)):
-                return f"ends early, {self._share(film_s, self.seconds)}"
+                return f"ends early, {self._share(video_s, self.seconds)}"
         elif torn and not self.frames and self.end_s is not None:
             return "ends in the middle of its data"
         return None
@@ -303,5 +303,5 @@ class ExpectedLength:
         """Returns how much of the stated length was read: late-starting files count from their start, others from 0."""
         return at - self.start_s if self.start_s >= seconds else at
 
-    def _share(self, film_s: float, seconds: float) -> str:
-        return f"after {max(self._since(film_s, seconds), 0.0):.1f} of {seconds:.1f} s"
+    def _share(self, video_s: float, seconds: float) -> str:
+        return f"after {max(self._since(video_s, seconds), 0.0):.1f} of {seconds:.1f} s"

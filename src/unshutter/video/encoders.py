@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from unshutter.errors import UnshutterError, UsageError, shortened
-from unshutter.frames.pyav import FILM_FORMATS, av
+from unshutter.frames.pyav import VIDEO_FORMATS, av
 from unshutter.options.clip_options import Encode
 from unshutter.reasons import JsonObject
 from unshutter.video.clip_facts import ClipFacts, Coding
@@ -63,7 +63,7 @@ class Encoder:
     options: dict[str, str] = field(default_factory=dict)  # options of the encoder
     qscale: int | None = None  # quality for encoders without CRF; None if CRF or a bit rate is set
     bits_per_s: int | None = None  # target bit rate; None if the quality determines it
-    tagged: bool = True  # whether the film gets the codec tag of a clip of the same codec
+    tagged: bool = True  # whether the video gets the codec tag of a clip of the same codec
 
     @classmethod
     def choose(cls, clip: ClipFacts, encode: Encode) -> Encoder:
@@ -161,7 +161,7 @@ def _takes(name: str, clip: ClipFacts) -> bool:
         _checked(name, clip)
     except UnshutterError:
         return False
-    kind = FILM_FORMATS.get(Path(clip.path).suffix.lower())
+    kind = VIDEO_FORMATS.get(Path(clip.path).suffix.lower())
     if kind is None:
         return True
     with av().open(BytesIO(), "w", format=kind) as container:
@@ -191,14 +191,14 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
     return {"preset": preset}
 
 
-def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
-    """Returns the time base for an encoder: the film's own if the encoder supports it."""
+def _time_base(name: str, video_base: Fraction, rate: Fraction) -> Fraction:
+    """Returns the time base for an encoder: the video's own if the encoder supports it."""
     if name in _CONSTANT_RATE:
         return 1 / rate
-    if name in _COARSE and film_base.denominator > _MOST_TICKS:
+    if name in _COARSE and video_base.denominator > _MOST_TICKS:
         rate = rate.limit_denominator(1001)
         return Fraction(1, rate.numerator * max(_MOST_TICKS // rate.numerator, 1))
-    return film_base
+    return video_base
 
 
 def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:

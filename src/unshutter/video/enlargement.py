@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject
 from unshutter.video.frame_map import SteadyView, StraightView, View, depths, outline
 
@@ -31,7 +31,7 @@ class Enlargement:
     zoom: float  # enlargement, 1 to :data:`LARGEST`
     missing_px: float  # the most that is still missing at a side of a frame [px]
     frames: int  # number of frames in which a pixel or more is missing
-    readout: Readout  # direction in which the stored pixels were read
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
 
     @classmethod
     def least(cls, path: CameraPath, height: int, width: int, straight: StraightView | None = None) -> Enlargement:
@@ -40,7 +40,7 @@ class Enlargement:
         Args:
             straight: the view to enlarge, if it is not the camera's own.
         """
-        rows = path.readout.frame_size(height, width)[0]
+        rows = path.scan_direction.frame_size(height, width)[0]
         borders = np.array(path.borders).reshape(-1, 4, 9)
         x, y, side = outline(path.aspect)
 
@@ -55,7 +55,7 @@ class Enlargement:
                 middle = (low + zoom) / 2
                 low, zoom = (middle, zoom) if missing(middle).any() else (low, middle)
         left = missing(zoom)
-        return cls(zoom, float(left.max(initial=0.0)), int((left >= _LEAST_PX).sum()), path.readout)
+        return cls(zoom, float(left.max(initial=0.0)), int((left >= _LEAST_PX).sum()), path.scan_direction)
 
     def of(self, view: View | None) -> View | None:
         """Returns the enlarged view; None for the camera's own."""
@@ -63,7 +63,9 @@ class Enlargement:
             return view
         if isinstance(view, StraightView):
             return view.enlarged(self.zoom)
-        return SteadyView(np.zeros(3), 1.0, self.zoom, self.readout) if view is None else replace(view, zoom=self.zoom)
+        if view is None:
+            return SteadyView(np.zeros(3), 1.0, self.zoom, self.scan_direction)
+        return replace(view, zoom=self.zoom)
 
     def as_json(self) -> JsonObject:
         """Returns the record for a log of runs."""

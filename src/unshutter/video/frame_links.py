@@ -17,7 +17,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import Link, copy_side, link, motion_field
 from unshutter.options.clip_options import ClipUndo
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.video.clip import Clip, ClipRequest
 from unshutter.video.clip_motion import MovingFrame
 from unshutter.video.frame_map import FrameMap
@@ -48,7 +48,7 @@ class LinkedFrame:
     # -1 and 1 -> pixels of these frames, if they may be borrowed
     planes: dict[int, list[UInt[np.ndarray, "rows columns *bands"]]]
     timing: Timing  # the clock of the clip
-    readout: Readout  # direction in which its stored pixels were read
+    scan_direction: ScanDirection  # direction in which its stored pixels were read
 
     def maps(self, undo: ClipUndo) -> tuple[FrameMap | None, list[Lender]]:
         """Returns where each pixel of the rectified frame is sampled, in the frame itself and in possible lenders.
@@ -71,7 +71,7 @@ class LinkedFrame:
     def _map(self, shift: np.ndarray) -> FrameMap:
         """Converts the shift of every pixel of the small copy to the map of a whole frame."""
         frame = self.moving.frame
-        return FrameMap.along(shift, self.readout, frame.height, frame.width, self.moving.view)
+        return FrameMap.along(shift, self.scan_direction, frame.height, frame.width, self.moving.view)
 
 
 def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) -> Iterator[LinkedFrame]:
@@ -83,11 +83,11 @@ def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) ->
         following = _Copied.of(request, moving)
         if current is not None:
             current.connect(request.clip, following, ratio)
-            yield current.with_neighbours(before, following, timing, request.readout)
+            yield current.with_neighbours(before, following, timing, request.scan_direction)
             request.work.advance(Stage.LINK)
         before, current = current, following
     if current is not None:
-        yield current.with_neighbours(before, None, timing, request.readout)
+        yield current.with_neighbours(before, None, timing, request.scan_direction)
 
 
 @dataclass
@@ -119,9 +119,9 @@ class _Copied:
                 self.to_next = flow_to_next
 
     def with_neighbours(
-        self, before: _Copied | None, after: _Copied | None, timing: Timing, readout: Readout
+        self, before: _Copied | None, after: _Copied | None, timing: Timing, scan_direction: ScanDirection
     ) -> LinkedFrame:
         beside = {-1: (before, before and before.to_next), 1: (after, self.to_next)}
         links = {side: to for side, (frame, to) in beside.items() if frame is not None and to is not None}
         planes = {side: frame.planes for side, (frame, _) in beside.items() if side in links and frame and frame.planes}
-        return LinkedFrame(self.moving, links, planes, timing, readout)
+        return LinkedFrame(self.moving, links, planes, timing, scan_direction)

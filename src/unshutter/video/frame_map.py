@@ -25,7 +25,7 @@ from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotate_position, rotation_matrix
 from unshutter.motion.shapes import Bool, Float32, Float64, UInt
 from unshutter.options.clip_options import ClipUndo
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 
 _PLACES = 9  # positions along each side at which the frame's border is stored
 _POINTS = 5  # points on each side of a view that are checked, corners included
@@ -85,7 +85,7 @@ def outline(aspect: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def margins(
     borders: Float32[np.ndarray, "frames 4 9"],
-    turns: Float64[np.ndarray, "frames 3"],
+    rotations: Float64[np.ndarray, "frames 3"],
     focal: float,
     zoom: float | Float64[np.ndarray, "frames"],
     aspect: float,
@@ -94,7 +94,7 @@ def margins(
     """Returns how far points on the outlines of views lie inside their frames, and how further rotation changes that.
 
     Args:
-        turns: rotation vectors from the stabilised camera to the real camera [rad].
+        rotations: rotation vectors from the stabilised camera to the real camera [rad].
         focal: focal length [heights].
         lens: the lens, if it bends straight lines.
 
@@ -106,8 +106,8 @@ def margins(
     x = x / size / focal
     y = y / size / focal
     rays = np.stack(np.broadcast_arrays(*((x, y, 1.0) if lens is None else lens.direction(x, y))), axis=-1)
-    rays = np.broadcast_to(rays, (len(turns), *rays.shape[1:]))
-    ray = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(turns), rays), -1, 0)
+    rays = np.broadcast_to(rays, (len(rotations), *rays.shape[1:]))
+    ray = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(rotations), rays), -1, 0)
     x, y = (ray[0] / ray[2], ray[1] / ray[2]) if lens is None else lens.position(*ray)
     upright = side < TOP
     inward = np.where((side == LEFT) | (side == TOP), 1.0, -1.0)
@@ -140,18 +140,18 @@ def depths(
 
 def zoom_needed(
     borders: Float32[np.ndarray, "frames 4 9"],
-    turns: Float64[np.ndarray, "frames 3"],
+    rotations: Float64[np.ndarray, "frames 3"],
     focal: float,
     aspect: float,
     lens: Lens | None = None,
 ) -> Float64[np.ndarray, "frames"]:
     """Returns the least zoom, 1 to 4, at which each view stays inside its frame's border; see :func:`margins`."""
-    low = np.ones(len(turns))
-    high = np.full(len(turns), _LARGEST_ZOOM)
-    fits = margins(borders, turns, focal, low, aspect, lens)[0].min(axis=1) >= 0
+    low = np.ones(len(rotations))
+    high = np.full(len(rotations), _LARGEST_ZOOM)
+    fits = margins(borders, rotations, focal, low, aspect, lens)[0].min(axis=1) >= 0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        inside = margins(borders, turns, focal, middle, aspect, lens)[0].min(axis=1) >= 0
+        inside = margins(borders, rotations, focal, middle, aspect, lens)[0].min(axis=1) >= 0
         low = np.where(inside, low, middle)
         high = np.where(inside, middle, high)
     return np.where(fits, 1.0, high)
@@ -163,21 +163,21 @@ class SteadyView:
 
     # [3] rotation vector [rad] that takes directions of the stabilised camera to those of the real camera at the
     # reference row, in the axes of the readout frame (motion/rotations.py)
-    turn: Float64[np.ndarray, "3"]
+    rotation: Float64[np.ndarray, "3"]
     focal_heights: float  # focal length in heights of the readout frame
     zoom: float  # enlargement of the picture, at least 1
-    readout: Readout  # direction in which the stored pixels were read
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
     lens: Lens | None = None  # the lens, if it bends straight lines
 
-    def looks(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    def to_source(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Maps positions in the stabilised picture to the global-shutter frame at the reference row."""
-        rows, columns = self.readout.frame_size(height, width)
+        rows, columns = self.scan_direction.frame_size(height, width)
         middle = (columns - 1) / 2, (rows - 1) / 2
-        col, row = self.readout.points_to_frame(col, row, height, width)
+        col, row = self.scan_direction.points_to_frame(col, row, height, width)
         col, row = ((at - centre) / self.zoom + centre for at, centre in zip((col, row), middle, strict=True))
-        turned = np.broadcast_to(rotation_matrix(self.turn), (*col.shape, 3, 3))
-        seen = rotate_position(col, row, turned, self.focal_heights * rows, middle, self.lens)
-        return self.readout.points_to_stored(*seen, height, width)
+        rotated = np.broadcast_to(rotation_matrix(self.rotation), (*col.shape, 3, 3))
+        seen = rotate_position(col, row, rotated, self.focal_heights * rows, middle, self.lens)
+        return self.scan_direction.points_to_stored(*seen, height, width)
 
 
 @dataclass(frozen=True)
@@ -186,29 +186,29 @@ class StraightView:
 
     lens: Lens  # the real camera's
     focal: float  # focal length [heights of the readout frame]
-    readout: Readout  # direction in which the stored pixels were read
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
 
     @classmethod
-    def of(cls, lens: Lens, readout: Readout, aspect: float) -> StraightView:
+    def of(cls, lens: Lens, scan_direction: ScanDirection, aspect: float) -> StraightView:
         """Returns the widest view that shows no border of the real frames, up to 120 degrees from corner to corner."""
         x, y, _ = outline(aspect)
         for focal in np.hypot(aspect, 1) / 2 / np.tan(np.radians(np.linspace(60, 1, 473))):
             col, row = lens.position(x / focal, y / focal, 1.0)
             if np.abs(col).max() <= aspect / 2 / lens.focal and np.abs(row).max() <= 0.5 / lens.focal:
                 break
-        return cls(lens, float(focal), readout)
+        return cls(lens, float(focal), scan_direction)
 
     def degrees(self, aspect: float) -> float:
         """Returns its field of view from corner to corner of frames of this width per height [degrees]."""
         return 2 * float(np.degrees(np.arctan(np.hypot(aspect, 1) / 2 / self.focal)))
 
-    def looks(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    def to_source(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Maps positions in the straightened picture to the global-shutter frame."""
-        rows, columns = self.readout.frame_size(height, width)
-        col, row = self.readout.points_to_frame(col, row, height, width)
+        rows, columns = self.scan_direction.frame_size(height, width)
+        col, row = self.scan_direction.points_to_frame(col, row, height, width)
         middle = (columns - 1) / 2, (rows - 1) / 2
         x, y = self.seen((col - middle[0]) / rows, (row - middle[1]) / rows)
-        return self.readout.points_to_stored(x * rows + middle[0], y * rows + middle[1], height, width)
+        return self.scan_direction.points_to_stored(x * rows + middle[0], y * rows + middle[1], height, width)
 
     def seen(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Maps positions, from the centre [heights], in the straightened picture to the global-shutter frame."""
@@ -245,22 +245,22 @@ class FrameMap:
             motion: motion of a picture of the same shape and any size.
             view: the stabilised or straightened view to show; None for the camera's own view.
         """
-        small = motion.readout.frame_size(motion.height, motion.width)
+        small = motion.scan_direction.frame_size(motion.height, motion.width)
         step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
         scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
         col, row = (_seen(view, step, height, width) + 0.5) * scale[:, None, None] - 0.5
         with np.errstate(all="ignore"):  # far outside, Newton's method may diverge
-            looks = np.stack(gs_to_rs_map(motion)(col, row))
-        looks = (looks + 0.5) / scale[:, None, None] - 0.5
+            to_source = np.stack(gs_to_rs_map(motion)(col, row))
+        to_source = (to_source + 0.5) / scale[:, None, None] - 0.5
         far = float(height + width)
-        np.nan_to_num(looks, copy=False, nan=-far, posinf=2 * far, neginf=-far)
-        return cls(np.clip(looks, -far, 2 * far).astype(np.float32), step, height, width)
+        np.nan_to_num(to_source, copy=False, nan=-far, posinf=2 * far, neginf=-far)
+        return cls(np.clip(to_source, -far, 2 * far).astype(np.float32), step, height, width)
 
     @classmethod
     def along(
         cls,
         shift: Float32[np.ndarray, "rows columns 2"],
-        readout: Readout,
+        scan_direction: ScanDirection,
         height: int,
         width: int,
         view: View | None = None,
@@ -270,14 +270,14 @@ class FrameMap:
         Args:
             shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
         """
-        size = readout.frame_size(height, width)
+        size = scan_direction.frame_size(height, width)
         step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
         col, row = _seen(view, step, height, width)
-        at = np.stack(readout.points_to_frame(col, row, height, width), axis=-1)
+        at = np.stack(scan_direction.points_to_frame(col, row, height, width), axis=-1)
         scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
         in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
-        looks = at + bilinear(shift, in_copy) * scale
-        stored = readout.points_to_stored(looks[..., 0], looks[..., 1], height, width)
+        to_source = at + bilinear(shift, in_copy) * scale
+        stored = scan_direction.points_to_stored(to_source[..., 0], to_source[..., 1], height, width)
         return cls(np.stack(stored).astype(np.float32), step, height, width)
 
     def positions(
@@ -311,7 +311,7 @@ def _middles(step: int, height: int, width: int) -> np.ndarray:
 def _seen(view: View | None, step: int, height: int, width: int) -> np.ndarray:
     """[2, N, M] positions shown at the centres of the cells: col and row [px] of the global-shutter frame."""
     middles = _middles(step, height, width)
-    return middles if view is None else np.stack(view.looks(middles[0], middles[1], height, width))
+    return middles if view is None else np.stack(view.to_source(middles[0], middles[1], height, width))
 
 
 class Scratch(threading.local):

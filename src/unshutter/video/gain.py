@@ -30,15 +30,15 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_motion import camera_motion, small_finding, window_for
 from unshutter.video.frame_map import undone_part
-from unshutter.video.gyro_fit import GyroTurns
+from unshutter.video.gyro_fit import GyroRotations
 from unshutter.video.readout_regression import PairMotion, fit_robustly
-from unshutter.video.survey import Survey, TrackedFrame, tracked_copies
+from unshutter.video.survey import SampledFrames, TrackedFrame, tracked_copies
 from unshutter.video.work import Stage, Steps
 
-_KEPT_OUT = 4  # every fourth track
+_HELD_OUT = 4  # every fourth track
 RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
 ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
-_FEWEST, _FEW = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
+_MIN_TRACKS, _MIN_PAIRS = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
 _BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
@@ -47,7 +47,7 @@ _EVEN = 0.125  # change of a displacement from frame to frame, as a share of it:
 _PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
 _SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
 _ROUNDS = 4  # of reweighting
-_FEWEST_STEPS = 15  # pairs of frames, below which their steps say nothing
+_MIN_STEPS = 15  # pairs of frames, below which their steps say nothing
 _MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
 _FOLLOWS = 0.5  # least correlation of the lean with the speed
 _MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
@@ -110,7 +110,7 @@ class FrameSteps:
     def sizes(self) -> tuple[StepSizes, StepSizes] | None:
         """Sizes of the steps before and after; None if there are too few."""
         known = [pair for pair in self._pairs if pair is not None]
-        if len(known) < _FEWEST_STEPS:
+        if len(known) < _MIN_STEPS:
             return None
         speeds = np.array([before.shift for before, _ in known])
         before, after = (StepSizes.of(np.array([pair[k].shape for pair in known]), speeds) for k in range(2))
@@ -127,7 +127,7 @@ class FrameSteps:
             if here is not None and following is not None:
                 leans.append(self._leans[k])
                 speeds.append((here[0].shift + following[0].shift) / 2)
-        if len(leans) < _FEWEST_STEPS:
+        if len(leans) < _MIN_STEPS:
             return np.nan
         lean = np.array(leans)
         speed = np.array(speeds)
@@ -179,7 +179,7 @@ class Gain:
             figures = zip(sizes[0].figures, sizes[1].figures, strict=True)
             before, after = next((was, now) for was, now in figures if now > was)
             return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
-        if len(self.gains) < _FEW:
+        if len(self.gains) < _MIN_PAIRS:
             return None
         gain, error = self.gain
         change, displaced = np.median(self._changes_px, axis=0)
@@ -206,8 +206,8 @@ class Gain:
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         self.steps.rows = min(tracks.height, tracks.width)
         self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean)
-        tracks, undone = (each.split(_KEPT_OUT)[1] for each in (tracks, undone))
-        if len(tracks) < _FEWEST or (now.reason and was.reason):
+        tracks, undone = (each.split(_HELD_OUT)[1] for each in (tracks, undone))
+        if len(tracks) < _MIN_TRACKS or (now.reason and was.reason):
             return
         focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
         left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
@@ -248,22 +248,24 @@ def expected(request: ClipRequest, surveyed: int, all_frames: float) -> dict[Sta
     return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}
 
 
-def gain_of_clip(request: ClipRequest, time: ReadoutTime, turns: GyroTurns | None, evidence: Survey) -> Gain:
+def gain_of_clip(
+    request: ClipRequest, time: ReadoutTime, gyro_rotations: GyroRotations | None, evidence: SampledFrames
+) -> Gain:
     """Finds what undoing the motion of a clip gains: from some 60 pairs of its tracked frames or, if these are all
     frames and it is to be left, from all.
     """
     if evidence.is_whole and len(evidence.parts[0]) <= ALL:
-        return _examined(request, time, turns, evidence.parts)
-    gain = _examined(request, time, turns, evidence.runs(RUNS, RUN))
+        return _examined(request, time, gyro_rotations, evidence.parts)
+    gain = _examined(request, time, gyro_rotations, evidence.runs(RUNS, RUN))
     if gain.declined(SURE_OF_FEW) is None or not evidence.is_whole:
         return gain
-    return _examined(request, time, turns, evidence.parts, Stage.JUDGE_ALL)
+    return _examined(request, time, gyro_rotations, evidence.parts, Stage.JUDGE_ALL)
 
 
 def _examined(
     request: ClipRequest,
     time: ReadoutTime,
-    turns: GyroTurns | None,
+    gyro_rotations: GyroRotations | None,
     parts: Sequence[Sequence[TrackedFrame]],
     stage: Stage = Stage.JUDGE,
 ) -> Gain:
@@ -276,7 +278,7 @@ def _examined(
     steps = Steps(request.work, "judging", frames)
     for part in parts:
         before = None
-        finder = camera_motion(request, time, turns, _KEPT_OUT, focal_px, stage)
+        finder = camera_motion(request, time, gyro_rotations, _HELD_OUT, focal_px, stage)
         for motion in finder.motions(tracked_copies(request, part)):
             gain.add(before, motion, request.options.undo)
             before = motion

@@ -63,7 +63,7 @@ class Adjustment:
     usual_focal_px: float  # expected focal length [px of ROWS rows]
     focal_known: bool = False  # whether to keep the focal length fixed
     ratio_known: bool = False  # whether to keep the readout ratio fixed
-    _turns: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
+    _rotations: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.pairs = [replace(pair, tracks=fewer(pair.tracks, _MOST_TRACKS)) for pair in self.pairs]
@@ -86,24 +86,24 @@ class Adjustment:
     def predicted(self, alignment: Alignment) -> np.ndarray:
         """Predicts the ends of tracks [pairs, most, 2] [px of ROWS rows] from the turns in the log."""
         middle = np.array([self.width / 2, _HALF])
-        turned = alignment.turned(*self.turns(alignment))
-        return _seen((self.ends[0] - middle) / alignment.focal_px, turned, self.lens) * alignment.focal_px + middle
+        rotated = alignment.turned(*self.gyro_rotations(alignment))
+        return _seen((self.ends[0] - middle) / alignment.focal_px, rotated, self.lens) * alignment.focal_px + middle
 
     @property
     def lens(self) -> Lens | None:
         """The camera's lens, if it bends straight lines."""
         return self.pairs[0].tracks.lens
 
-    def turns(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
+    def gyro_rotations(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
         """Returns turns of the device between the rows of each track [pairs, most, 3, 3], and their durations [s]."""
         clock = (alignment.offset_s, alignment.drift, alignment.ratio)
-        if clock not in self._turns:
+        if clock not in self._rotations:
             times = alignment.log_time(self.taken, np.clip(self.ends[..., 1] / ROWS, 0, 1))
             begin = self.log.rotations(times[0])
             end = self.log.rotations(times[1])
-            self._turns.clear()
-            self._turns[clock] = end @ begin.swapaxes(-1, -2), times[1] - times[0]
-        return self._turns[clock]
+            self._rotations.clear()
+            self._rotations[clock] = end @ begin.swapaxes(-1, -2), times[1] - times[0]
+        return self._rotations[clock]
 
     def residuals(self, alignment: Alignment) -> np.ndarray:
         """Returns the prediction errors of tracks [pairs, 2 most] [px of ROWS rows]; 0 for padding."""
@@ -223,17 +223,17 @@ def changed(alignment: Alignment, change: np.ndarray) -> Alignment:
     )
 
 
-def _seen(at: np.ndarray, turned: np.ndarray, lens: Lens | None) -> np.ndarray:
+def _seen(at: np.ndarray, rotated: np.ndarray, lens: Lens | None) -> np.ndarray:
     """Returns where positions [..., 2] [focal lengths] are seen after turns [..., 3, 3]."""
     if lens is not None:
         rays = np.stack(lens.direction(at[..., 0], at[..., 1]), axis=-1)
-        return np.stack(lens.position(*np.einsum("...ij,...j->i...", turned, rays)), axis=-1)
-    seen = np.einsum("...ij,...j->...i", turned, np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1))
+        return np.stack(lens.position(*np.einsum("...ij,...j->i...", rotated, rays)), axis=-1)
+    seen = np.einsum("...ij,...j->...i", rotated, np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1))
     return seen[..., :2] / seen[..., 2:]
 
 
 @dataclass(frozen=True, eq=False)
-class GyroTurns:
+class GyroRotations:
     """Turns of a clip's camera from its gyro log (``KnownTurns`` for frames/sequence.py)."""
 
     log: GyroLog
@@ -260,8 +260,8 @@ class GyroTurns:
         focal_px = self.alignment.focal_px
         middle = np.array([tracks.width, tracks.height]) / 2 - 0.5
         rows = [np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end)]
-        turned, _ = self.between((np.full(len(tracks), begin_s), rows[0]), (np.full(len(tracks), end_s), rows[1]))
-        seen = _seen((tracks.start - middle) * unit / focal_px, turned, tracks.lens)
+        rotated, _ = self.between((np.full(len(tracks), begin_s), rows[0]), (np.full(len(tracks), end_s), rows[1]))
+        seen = _seen((tracks.start - middle) * unit / focal_px, rotated, tracks.lens)
         predicted = seen * focal_px / unit + middle
         return replace(tracks, end=tracks.start + (tracks.end - predicted))
 
@@ -275,33 +275,33 @@ class GyroTurns:
         """
         times = [self.alignment.log_time(*each) for each in (begin, end)]
         before, after = (self.log.rotations(each) for each in times)
-        turned = self.alignment.turned(after @ before.swapaxes(-1, -2), times[1] - times[0])
-        return turned, rotation_vector(turned)
+        rotated = self.alignment.turned(after @ before.swapaxes(-1, -2), times[1] - times[0])
+        return rotated, rotation_vector(rotated)
 
 
 # ---- which way is up --------------------------------------------------------------------------------------------
 
 _SPREAD_S = 2.0  # standard deviation of the average: longer than steps and swings, shorter than the gyro's drift
 _RATE_HZ = 20.0  # rate of the averaged samples
-_FEWEST_SAMPLES = 16  # number of samples
+_MIN_SAMPLES = 16  # number of samples
 
 
 def has_gravity(log: GyroLog) -> bool:
     """Whether the log contains acceleration that shows which way is up."""
-    return len(log.force) >= _FEWEST_SAMPLES
+    return len(log.force) >= _MIN_SAMPLES
 
 
 def up_directions(
-    turns: GyroTurns, frame_s: Float64[np.ndarray, "frames"], row: float
+    rotations: GyroRotations, frame_s: Float64[np.ndarray, "frames"], row: float
 ) -> Float64[np.ndarray, "frames 3"]:
     """Returns unit vectors pointing up, in the camera's axes (right, down, forward), when a row of a frame was exposed.
 
     Args:
-        turns: turns of the camera of a log that :func:`has_gravity`.
+        rotations: turns of the camera of a log that :func:`has_gravity`.
         row: row as a fraction of the height.
     """
-    log = turns.log
-    alignment = turns.alignment
+    log = rotations.log
+    alignment = rotations.alignment
     times = log.force[:, 0]
     force = log.force[:, 1:]
     still = np.einsum("nji,nj->ni", log.rotations(times), force)  # as if the device had not turned

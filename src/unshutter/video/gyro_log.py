@@ -30,7 +30,7 @@ _GAP = 3.0  # multiple of the usual interval: in a longer one samples are missin
 _MOST_DISORDER = 0.01  # maximum share of samples out of order
 _FASTEST = 100.0  # rad/s; faster rates must be in another unit
 _LARGEST = 1e12  # s, rad/s, m/s^2: larger numbers are damage
-_FEWEST_HZ, _FEWEST = 20.0, 16  # samples per second, and in total: fewer do not show how a camera turned
+_MIN_HZ, _MIN_SAMPLES = 20.0, 16  # samples per second, and in total: fewer do not show how a camera turned
 GRAVITY = 9.81  # m/s^2
 
 
@@ -58,14 +58,14 @@ class GyroLog:
         possible = (np.abs(times) < _LARGEST) & (np.abs(rates) < _LARGEST).all(axis=1)
         times = times[possible]
         rates = rates[possible]
-        if len(times) < _FEWEST:
+        if len(times) < _MIN_SAMPLES:
             raise UnshutterError(f"{self.origin}: the log has only {len(times)} gyro samples")
         if (np.diff(times) <= 0).mean() > _MOST_DISORDER:
             raise UnshutterError(f"{self.origin}: the times of the log do not increase")
         times, order = np.unique(times, return_index=True)
         rates = rates[order]
-        if 1 / np.median(np.diff(times)) < _FEWEST_HZ:
-            raise UnshutterError(f"{self.origin}: the log has fewer than {_FEWEST_HZ:g} gyro samples a second")
+        if 1 / np.median(np.diff(times)) < _MIN_HZ:
+            raise UnshutterError(f"{self.origin}: the log has fewer than {_MIN_HZ:g} gyro samples a second")
         if np.quantile(np.abs(rates), 0.9) > _FASTEST:
             raise UnshutterError(f"{self.origin}: the log's rates cannot be rates of a camera: is their unit right?")
         force = np.asarray(self.force, np.float64).reshape(-1, 4)
@@ -87,8 +87,8 @@ class GyroLog:
     def _angles(self) -> np.ndarray:
         """Integral of the rate about each axis separately [N, 3] [rad]."""
         steps = np.diff(self.t_s)[:, None]
-        turned = np.cumsum((self.rates[:-1] + self.rates[1:]) / 2 * steps, axis=0)
-        return np.concatenate([np.zeros((1, 3)), turned])
+        rotated = np.cumsum((self.rates[:-1] + self.rates[1:]) / 2 * steps, axis=0)
+        return np.concatenate([np.zeros((1, 3)), rotated])
 
     def angles(self, at_s: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """Returns angles since the start of the log, axis by axis [rad]; for differences over short times."""
@@ -102,8 +102,8 @@ class GyroLog:
     @cached_property
     def _whole(self) -> np.ndarray:
         """Orientation of the scene at the samples [N, 3, 3]."""
-        turns = rotation_matrix(self._steps * np.diff(self.t_s)[:, None])
-        return np.concatenate([np.eye(3)[None], chained(turns)])
+        rotations = rotation_matrix(self._steps * np.diff(self.t_s)[:, None])
+        return np.concatenate([np.eye(3)[None], chained(rotations)])
 
     def rotations(self, at_s: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3 3"]:
         """Returns the orientation R of the scene in the device's axes: direction d at the start of the log becomes R d.
@@ -140,16 +140,16 @@ class GyroLog:
         return max(_GAP / self.rate_hz, 0.1)
 
 
-def chained(turns: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:
+def chained(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:
     """Computes the products turns[0], turns[1] turns[0], ..., in parallel blocks that are joined afterwards."""
-    block = max(1, int(np.sqrt(len(turns))))
-    padded = np.concatenate([turns, np.broadcast_to(np.eye(3), (-len(turns) % block, 3, 3))])
+    block = max(1, int(np.sqrt(len(rotations))))
+    padded = np.concatenate([rotations, np.broadcast_to(np.eye(3), (-len(rotations) % block, 3, 3))])
     blocks = padded.reshape(-1, block, 3, 3).copy()
     for k in range(1, block):
         blocks[:, k] = blocks[:, k] @ blocks[:, k - 1]
     for k in range(1, len(blocks)):
         blocks[k] = blocks[k] @ blocks[k - 1, -1]
-    return blocks.reshape(-1, 3, 3)[: len(turns)]
+    return blocks.reshape(-1, 3, 3)[: len(rotations)]
 
 
 _HEADS = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")  # first lines of .gcsv files
@@ -217,19 +217,19 @@ def _by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
         raise
     except BaseException:  # panics of its Rust code are not Exceptions
         return None
-    turns = [(sample["timestamp_ms"], *sample["gyro"]) for sample in samples if sample.get("gyro")]
+    rotations = [(sample["timestamp_ms"], *sample["gyro"]) for sample in samples if sample.get("gyro")]
     forces = [(sample["timestamp_ms"], *sample["accl"]) for sample in samples if sample.get("accl")]
-    if not turns:
+    if not rotations:
         return None
-    turned = np.array(turns, np.float64)
+    rotated = np.array(rotations, np.float64)
     force = np.array(forces, np.float64).reshape(-1, 4)
-    turned[:, 0], force[:, 0], turned[:, 1:] = turned[:, 0] / 1000, force[:, 0] / 1000, np.radians(turned[:, 1:])
-    return _usable(name, turned, force)
+    rotated[:, 0], force[:, 0], rotated[:, 1:] = rotated[:, 0] / 1000, force[:, 0] / 1000, np.radians(rotated[:, 1:])
+    return _usable(name, rotated, force)
 
 
 def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
     """Parses a log in Gyroflow's format: lines ``key,value``, a line that names the columns, and the samples."""
-    told: dict[str, str] = {}
+    reported: dict[str, str] = {}
     columns = []
     lines = iter(lines)
     for line in lines:
@@ -238,17 +238,17 @@ def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
             columns = [word.lower() for word in words]
             break
         if len(words) > 1:
-            told[words[0].lower()] = words[1]
-        if len(told) > _LONGEST_HEAD:
+            reported[words[0].lower()] = words[1]
+        if len(reported) > _LONGEST_HEAD:
             break
     if not columns:
         raise UnshutterError(f"{name}: no line names the log's columns (t,gx,gy,gz,...)")
     rows = (line for line in lines if line.count(",") == len(columns) - 1)  # the last line may be truncated
     try:
-        scale = {key: float(told.get(key, usual)) for key, usual in (("tscale", 1), ("gscale", 1), ("ascale", 1))}
+        scale = {key: float(reported.get(key, usual)) for key, usual in (("tscale", 1), ("gscale", 1), ("ascale", 1))}
         first = list(islice(rows, 1)) or [",".join(["nan"] * len(columns))]  # NumPy warns if there is none
         values = np.loadtxt(chain(first, rows), delimiter=",", comments=None, ndmin=2)
-        readout_ms = abs(float(told.get("frame_readout_time", 0)))
+        readout_ms = abs(float(reported.get("frame_readout_time", 0)))
     except ValueError:
         raise UnshutterError(f"{name}: the log has values that are not numbers") from None
     with np.errstate(over="ignore", invalid="ignore"):  # values without meaning are left out of the log

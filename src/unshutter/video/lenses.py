@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError, shortened
-from unshutter.frames.camera import DEGREES, ROWS, padded_ends, student_weights, turn_jacobian
+from unshutter.frames.camera import DEGREES, ROWS, padded_ends, rotation_jacobian, student_weights
 from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
@@ -31,10 +31,10 @@ from unshutter.options import USUAL_FOCAL
 from unshutter.storage.files import read_text
 from unshutter.video import cameras
 from unshutter.video.clip import ClipRequest
-from unshutter.video.survey import Survey, TrackedFrame
+from unshutter.video.survey import SampledFrames, TrackedFrame
 
 
-def lens_of_clip(request: ClipRequest, evidence: Survey) -> Lens | None:
+def lens_of_clip(request: ClipRequest, evidence: SampledFrames) -> Lens | None:
     """Returns the lens of a clip's camera if it bends lines, or None if it does not or nothing tells."""
     shutter = request.options.shutter
     if shutter.lens is not None:
@@ -108,7 +108,7 @@ def _of_camera(
 ) -> Lens:
     """Returns the lens of a clip by its focal length and the position of its axis in stored frames [px]."""
     clip, (rows, columns) = request.clip, request.frame_size
-    col, row = request.readout.points_to_frame(np.array(axis[0]), np.array(axis[1]), clip.height, clip.width)
+    col, row = request.scan_direction.points_to_frame(np.array(axis[0]), np.array(axis[1]), clip.height, clip.width)
     shift = (float(col) - (columns - 1) / 2) / focal_px, (float(row) - (rows - 1) / 2) / focal_px
     if fisheye:
         return Lens(focal_px / rows, (*k, 0.0, 0.0, 0.0, 0.0)[:4], shift, source)
@@ -128,7 +128,7 @@ def _value(text: str, names: Sequence[str], form: str) -> str:
 # frames of a part; the first is examined roughly, the next if lines may be bent, all if that is too vague
 PART = 13
 FIRST, FURTHER = 2 * PART, 4  # frames of the first two parts, and number of parts after these
-_FEWEST = 10  # pairs of frames
+_MIN_PAIRS = 10  # pairs of frames
 _LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
 _LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
 _BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is described, in distances of the corner
@@ -150,7 +150,7 @@ _SURE_CORNER = 0.01
 _SURE_ENOUGH = 0.02
 
 
-def lens_in_survey(evidence: Survey) -> Lens | None:
+def lens_in_survey(evidence: SampledFrames) -> Lens | None:
     """Finds the lens in tracked frames of a clip; None if it keeps lines straight, or if the frames do not tell."""
     if not evidence.parts:
         return None
@@ -165,10 +165,10 @@ def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
     return [plane.tracks for plane in planes if plane is not None and plane.joined]
 
 
-def may_bend_lines(evidence: Survey) -> bool:
+def may_bend_lines(evidence: SampledFrames) -> bool:
     """Whether a look at a clip's first frames leaves it open that its lens bends lines."""
     pairs = _moving(_shown(evidence.parts[0][: PART + 1])) if evidence.parts else []
-    return len(pairs) < _FEWEST or _may_bend(pairs)
+    return len(pairs) < _MIN_PAIRS or _may_bend(pairs)
 
 
 def _may_bend(pairs: Sequence[Tracks]) -> bool:
@@ -178,7 +178,7 @@ def _may_bend(pairs: Sequence[Tracks]) -> bool:
 def _lens_in(first: Iterable[Tracks], *others: Iterable[Tracks]) -> Lens | None:
     """Finds the lens in tracks of some frames, or of more if it is too vague in those."""
     pairs = _moving(first)
-    if len(pairs) >= _FEWEST and not _may_bend(pairs):
+    if len(pairs) >= _MIN_PAIRS and not _may_bend(pairs):
         return None
     for part in others:
         pairs += _moving(part)
@@ -214,7 +214,7 @@ def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
     do not tell.
     """
     pairs = _moving(pairs)
-    if len(pairs) < _FEWEST:
+    if len(pairs) < _MIN_PAIRS:
         return None
     advantage, straight, bent = _roughly(pairs)
     if advantage < _HOPELESS * _SURE:
@@ -325,7 +325,7 @@ class _Turning:
             lens = None if at[0] == 1 else self.lens(at)
         except UnshutterError:
             return -np.inf
-        shown = turn_jacobian(self.middles, self.width, float(np.exp(at[1])), lens)
+        shown = rotation_jacobian(self.middles, self.width, float(np.exp(at[1])), lens)
         row = (2 * self.middles[..., 1] / ROWS - 1)[..., None, None]
         design = np.concatenate([shown, shown[..., :3] * row, shown[..., :3] * row**2], axis=-1)
         design = design.reshape(*self.moved.shape, -1)

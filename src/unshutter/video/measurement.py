@@ -15,12 +15,12 @@ from unshutter.errors import UnshutterError
 from unshutter.motion.lens import Lens
 from unshutter.options.clip_options import MeasureClips, RectifyClip
 from unshutter.options.fields import implemented_by
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.camera import find_camera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import ClipFacts, look
+from unshutter.video.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.readout import runs_in_survey
 from unshutter.video.readout_regression import Regression, Run, regression
 
@@ -35,8 +35,8 @@ class ClipMeasurement:
     width: int  # of the stored frames [px]
     height: int
     interval_s: float  # the usual time from one frame to the next [s]
-    readout: ReadoutTime | None  # from the first row of a frame to the last; None if it is unknown
-    direction: Readout | None  # in which the stored rows or columns were read; None if that is unknown
+    readout_time: ReadoutTime | None  # from the first row of a frame to the last; None if it is unknown
+    direction: ScanDirection | None  # in which the stored rows or columns were read; None if that is unknown
     reason: Reason | None = None  # why it was not found, or that there is no rolling shutter
     shown: Regression | None = None  # what the regression says; None if there are too few frames
     wobble_px: float | None = None  # wobble that this explains: RMS at the first and last rows, frame to frame [px]
@@ -45,9 +45,9 @@ class ClipMeasurement:
     @property
     def how(self) -> str:
         """How the readout time was found: regression, search, or the name of another source; empty: it was not."""
-        if self.readout is None:
+        if self.readout_time is None:
             return ""
-        return "search" if self.readout.source is ReadoutSource.FRAMES else str(self.readout.source)
+        return "search" if self.readout_time.source is ReadoutSource.FRAMES else str(self.readout_time.source)
 
     @property
     def is_global(self) -> bool:
@@ -62,7 +62,7 @@ class ClipMeasurement:
 
     def as_json(self) -> JsonObject:
         """Returns the measurement, ready for JSON."""
-        time = self.readout
+        time = self.readout_time
         shown = self.shown
         known = None if time is None else time.ratio(self.interval_s)
         return {
@@ -113,7 +113,7 @@ def measure_clips(
     """Measures clips: readout time and direction, wobble, and the lens. Writes and prints nothing.
 
     Args:
-        sources: films.
+        sources: videos.
 
     Returns:
         A measurement for each clip; with ``one_camera``, also one of all clips together.
@@ -131,16 +131,16 @@ def measure_clips(
 
 
 def _measured(path: Path, options: MeasureClips) -> _Measured:
-    clip = look(path, until_s=options.end)
+    clip = read_clip_facts(path, until_s=options.end)
     clip.check_whole()
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
     camera, evidence = find_camera(request)
     runs = runs_in_survey(evidence)
-    direction = camera.direction or request.readout
+    direction = camera.direction or request.scan_direction
     px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
     if px is None:
         raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
-    measurement = _of_camera((str(path),), clip, camera.readout, direction, regression(runs), px, camera.lens)
+    measurement = _of_camera((str(path),), clip, camera.readout_time, direction, regression(runs), px, camera.lens)
     return _Measured(measurement, runs, px)
 
 
@@ -148,7 +148,7 @@ def _of_camera(
     clips: tuple[str, ...],
     size: ClipFacts | ClipMeasurement,
     time: ReadoutTime,
-    direction: Readout,
+    direction: ScanDirection,
     shown: Regression | None,
     px: float,
     lens: Lens | None,
@@ -160,7 +160,7 @@ def _of_camera(
         width=size.width,
         height=size.height,
         interval_s=size.interval_s,
-        readout=time if is_known else None,
+        readout_time=time if is_known else None,
         direction=direction if is_known else None,
         reason=None if is_known else time.declined or time.instead_of,
         shown=shown,
@@ -178,14 +178,14 @@ def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
             raise UnshutterError(f"{first.clips[0]} and {each.clips[0]} differ in the size or rate of their frames")
     shown = regression([run for each in measured for run in each.runs])
     px = measured[0].px
-    times = [each.readout for each in every if each.readout is not None]
+    times = [each.readout_time for each in every if each.readout_time is not None]
     stated = next((each for each in times if each.source not in _BY_FRAMES), None)
     names = tuple(name for each in every for name in each.clips)
-    direction = next((each.direction for each in every if each.direction is not None), Readout.TOP_TO_BOTTOM)
+    direction = next((each.direction for each in every if each.direction is not None), ScanDirection.TOP_TO_BOTTOM)
     if stated is not None:
         time = stated
     elif shown is not None and (shown.is_sure or shown.is_likely):
-        time = shown.readout.seconds(first.interval_s)
+        time = shown.readout_ratio.seconds(first.interval_s)
     else:
         none = shown is not None and shown.is_none
         reason = Reason(Code.READ_AT_ONCE if none else Code.NO_WOBBLE)

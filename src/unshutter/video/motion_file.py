@@ -15,7 +15,7 @@ from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion_file import reason_of
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import JsonObject
 from unshutter.storage.files import read_text
@@ -34,7 +34,7 @@ class ClipMotion:
     """The content of a motion file."""
 
     ratio: float  # readout time in frame intervals
-    readout: Readout  # direction in which the stored pixels were read
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
     height: int  # of the stored frames [px]
     width: int
     times_s: np.ndarray  # [N] presentation time of each frame [s], increasing
@@ -64,7 +64,7 @@ class MotionWriter:
             "unshutter": __version__,
             "height": clip.height,
             "width": clip.width,
-            "readout": str(request.readout),
+            "readout": str(request.scan_direction),
             "frame_interval_s": clip.interval_s,
             "readout_ratio": ratio.value,
             "readout_ratio_sd": ratio.error or None,
@@ -86,7 +86,7 @@ class MotionWriter:
             record |= {} if reason is None else {"declined": reason.as_json()}
         if moving.step is not None:
             focal = moving.step.focal_heights
-            record["step"] = {"turn_rad": moving.step.turn.tolist(), "focal": focal if focal > 0 else None}
+            record["step"] = {"turn_rad": moving.step.rotation.tolist(), "focal": focal if focal > 0 else None}
         self._stream.write(self._separator + json.dumps(record))
         self._separator = ",\n"
 
@@ -116,32 +116,32 @@ def load_clip_motion(path: Path) -> ClipMotion:
 
 
 def _parsed(data: JsonObject) -> ClipMotion:
-    readout = Readout.parse(data["readout"])
+    scan_direction = ScanDirection.parse(data["readout"])
     height = int(data["height"])
     width = int(data["width"])
     ratio = float(data["readout_ratio"])
     if not 0 < ratio <= 1 or not 0 < height < 1 << 20 or not 0 < width < 1 << 20:
         raise ValueError("numbers out of range")
-    frame_height, frame_width = readout.frame_size(height, width)
+    frame_height, frame_width = scan_direction.frame_size(height, width)
     small = max(1, round(frame_width * ROWS / frame_height))
     lens = Lens.of_json(data["lens"]) if "lens" in data else None
     motions: list[Finding] = []
     for frame in data["frames"]:
         if frame["rotations_rad"] is None:
-            motions.append(Finding(RowMotion.zero(ROWS, small, readout=readout), reason=reason_of(frame)))
+            motions.append(Finding(RowMotion.zero(ROWS, small, scan_direction=scan_direction), reason=reason_of(frame)))
             continue
         samples = np.array(frame["rotations_rad"], np.float64)
         if samples.shape not in [(saved, 3) for saved in _SAVED]:
             raise ValueError(f"rotations of shape {samples.shape}")
         rows = (len(samples) - 1) * STRIDE + 1
         columns = max(1, round(frame_width * rows / frame_height))
-        motions.append(Finding(RowSamples(samples, float(frame["focal"]), columns, readout).motion(lens)))
+        motions.append(Finding(RowSamples(samples, float(frame["focal"]), columns, scan_direction).motion(lens)))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")
     cuts = [bool(frame["cut"]) for frame in data["frames"]]
     steps = [_step(frame) for frame in data["frames"]]
-    return ClipMotion(ratio, readout, height, width, times, motions, cuts, steps, lens)
+    return ClipMotion(ratio, scan_direction, height, width, times, motions, cuts, steps, lens)
 
 
 def _step(frame: JsonObject) -> Step | None:
@@ -149,8 +149,8 @@ def _step(frame: JsonObject) -> Step | None:
     record = frame.get("step")
     if record is None:
         return None
-    turn = np.array(record["turn_rad"], np.float64)
+    rotation = np.array(record["turn_rad"], np.float64)
     focal = record["focal"]
-    if turn.shape != (3,) or not np.isfinite(turn).all():
+    if rotation.shape != (3,) or not np.isfinite(rotation).all():
         raise ValueError("a turn that is not three numbers")
-    return Step(turn, np.nan if focal is None else float(focal))
+    return Step(rotation, np.nan if focal is None else float(focal))

@@ -1,4 +1,4 @@
-"""Tracks of MP4 and QuickTime files: locates their samples, and replaces the film, keeping all other tracks and tags.
+"""Tracks of MP4 and QuickTime files: locates their samples, and replaces the video, keeping all other tracks and tags.
 
 FFmpeg writes only what it knows; cameras and phones put more into their files: telemetry, timecode, places, names of
 their own. So only the video samples are taken from FFmpeg's output and inserted into the original file.
@@ -19,7 +19,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.photo.boxes import inside, top_level_extents
 
-_OWN_ENTRY = {  # boxes of a sample entry that belong to the encoded data rather than the film
+_OWN_ENTRY = {  # boxes of a sample entry that belong to the encoded data rather than the video
     *(b"avcC", b"hvcC", b"av1C", b"vpcC", b"lhvC", b"dvcC", b"dvvC", b"dvwC", b"hvcE", b"vexu"),
     *(b"btrt", b"glbl", b"esds", b"fiel", b"clap"),
 }
@@ -139,19 +139,19 @@ class Track:
 
         return change(self.content, (b"mdia", b"minf", b"stbl"))
 
-    def with_film(self, film: Track, movie_scale: int, film_movie_scale: int) -> Track:
+    def with_video(self, video: Track, movie_scale: int, video_movie_scale: int) -> Track:
         """Returns this track with the samples of another, but its own names, times, rotation and tags.
 
         Args:
-            film: the track that provides the samples.
+            video: the track that provides the samples.
             movie_scale: time units per second of this track's file.
-            film_movie_scale: time units per second of the other file.
+            video_movie_scale: time units per second of the other file.
         """
         header = bytearray(self.part(b"tkhd"))
-        theirs = film.part(b"tkhd")
-        length = _duration(theirs, 20) * movie_scale // film_movie_scale
+        theirs = video.part(b"tkhd")
+        length = _duration(theirs, 20) * movie_scale // video_movie_scale
         _set_duration(header, 20, length)
-        if theirs[-8:] != bytes(header[-8:]) and _size(film) != _size(self):
+        if theirs[-8:] != bytes(header[-8:]) and _size(video) != _size(self):
             header[-8:] = theirs[-8:]
         out = b""
         for name, content in inside(self.content):
@@ -159,29 +159,29 @@ class Track:
                 continue
             if name == b"tkhd":
                 out += box(name, bytes(header))
-                if edits := dict(inside(film.content)).get(b"edts"):
-                    out += box(b"edts", _rescaled_edits(edits, movie_scale, film_movie_scale))
+                if edits := dict(inside(video.content)).get(b"edts"):
+                    out += box(b"edts", _rescaled_edits(edits, movie_scale, video_movie_scale))
             elif name == b"mdia":
-                out += box(name, self._media_with(film))
+                out += box(name, self._media_with(video))
             else:
                 out += box(name, content)
         return Track(out)
 
-    def _media_with(self, film: Track) -> bytes:
-        """Returns the ``mdia`` content, taking the boxes that describe samples from the new film."""
+    def _media_with(self, video: Track) -> bytes:
+        """Returns the ``mdia`` content, taking the boxes that describe samples from the new video."""
         header = bytearray(self.part(b"mdia", b"mdhd"))
-        theirs = film.part(b"mdia", b"mdhd")
-        struct.pack_into(">I", header, 20 if header[0] else 12, film.timescale)
+        theirs = video.part(b"mdia", b"mdhd")
+        struct.pack_into(">I", header, 20 if header[0] else 12, video.timescale)
         _set_duration(header, 16, _duration(theirs, 16))
         table = b""
-        for name, content in inside(film.part(b"mdia", b"minf", b"stbl")):
+        for name, content in inside(video.part(b"mdia", b"minf", b"stbl")):
             if name == b"stsd":
                 content = _entry_with(content, self.part(b"mdia", b"minf", b"stbl", b"stsd"))
             elif name == b"stsc":  # one sample per chunk, so that sound can be interleaved
                 content = struct.pack(">IIIII", 0, 1, 1, 1, 1)
             elif name in (b"stco", b"co64"):
                 name = b"co64"
-                content = _offsets(film.samples())
+                content = _offsets(video.samples())
             table += box(name, content)
         out = b""
         for name, content in inside(self.part(b"mdia")):
@@ -246,7 +246,7 @@ def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
 
 
 def _entry_with(theirs: bytes, ours: bytes) -> bytes:
-    """Returns the new film's ``stsd`` content, its first entry extended by our boxes about colours and light."""
+    """Returns the new video's ``stsd`` content, its first entry extended by our boxes about colours and light."""
     entries = list(inside(theirs[8:]))
     own = list(inside(ours[8:]))
     name, content = entries[0]
@@ -306,12 +306,12 @@ class Movie:
         header = dict(self.others)[b"mvhd"]
         return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
 
-    def film(self) -> int:
+    def video(self) -> int:
         """Returns the index of the first video track."""
         for k, track in enumerate(self.tracks):
             if track.handler == b"vide":
                 return k
-        raise NotPlainError("no film")
+        raise NotPlainError("no video")
 
 
 def _read(stream: BinaryIO, start: int, end: int) -> bytes:
@@ -325,13 +325,13 @@ def _by_time(tracks: list[list[Chunk]]) -> Iterator[tuple[int, int]]:
     return ((t, k) for _, t, k in sorted(order))
 
 
-# ---- replacing the film ----------------------------------------------------------------------------------
+# ---- replacing the video ----------------------------------------------------------------------------------
 
 
 def can_take(movie: Movie) -> bool:
     """Whether a file can be taken apart and reassembled."""
     try:
-        movie.film()
+        movie.video()
         for track in movie.tracks:
             track.chunks()
     except DAMAGE:
@@ -339,27 +339,27 @@ def can_take(movie: Movie) -> bool:
     return True
 
 
-def write_with_film(original: BinaryIO, film: BinaryIO, out: BinaryIO) -> None:
+def write_with_video(original: BinaryIO, video: BinaryIO, out: BinaryIO) -> None:
     """Writes the original file with the video track of another file."""
     movie = Movie.read(original)
-    new = Movie.read(film)
-    place = movie.film()
+    new = Movie.read(video)
+    place = movie.video()
     tracks = list(movie.tracks)
     sources = [original] * len(movie.tracks)
-    own = new.tracks[new.film()]
-    tracks[place], sources[place] = tracks[place].with_film(own, movie.timescale, new.timescale), film
+    own = new.tracks[new.video()]
+    tracks[place], sources[place] = tracks[place].with_video(own, movie.timescale, new.timescale), video
     _write(movie, tracks, sources, out)
 
 
-def write_with_covers(film: BinaryIO, covers: list[bytes], out: BinaryIO) -> None:
-    """Writes a film that FFmpeg has written, with cover pictures, which FFmpeg drops if there are tags of all kinds."""
-    movie = Movie.read(film)
+def write_with_covers(video: BinaryIO, covers: list[bytes], out: BinaryIO) -> None:
+    """Writes a video of FFmpeg, with cover pictures, which FFmpeg drops if there are tags of all kinds."""
+    movie = Movie.read(video)
     pictures = b"".join(box(b"data", struct.pack(">II", _picture_kind(each), 0) + each) for each in covers)
     handler = box(b"hdlr", bytes(8) + b"mdirappl" + bytes(9))
     meta = box(b"meta", bytes(4) + handler + box(b"ilst", box(b"covr", pictures)))
     others = dict(movie.others)
     others[b"udta"] = others.get(b"udta", b"") + meta
-    _write(replace(movie, others=list(others.items()), early=True), movie.tracks, [film] * len(movie.tracks), out)
+    _write(replace(movie, others=list(others.items()), early=True), movie.tracks, [video] * len(movie.tracks), out)
 
 
 def _picture_kind(picture: bytes) -> int:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.export import plot_turns
+from unshutter.export import plot_rotation_rates
 from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.clip_motion import MovingFrame
@@ -39,7 +39,7 @@ class Tally:
     reasons: Counter[Reason] = field(default_factory=Counter)  # why the others were left unchanged, with counts
     cuts_s: list[float] = field(default_factory=list)  # times of scene changes [s]
     # presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame
-    turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    rotations: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
 
     def add(self, moving: MovingFrame) -> None:
         """Counts another frame."""
@@ -54,7 +54,9 @@ class Tally:
         if moving.cut:
             self.cuts_s.append(round(time_s, 3))
         is_rotation = isinstance(motion, RotationMotion)
-        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3))
+        self.rotations.append(
+            (time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3)
+        )
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class ClipOutcome:
 
     Attributes:
         source, output: the clip and the new one, as named by the user.
-        readout: readout time, and its source.
+        readout_time: readout time, and its source.
         interval_s: the usual time from one frame to the next [s].
         model: the motion model requested.
         written: whether there is a new clip; False if nothing changed and only changes were requested.
@@ -74,7 +76,7 @@ class ClipOutcome:
         reasons: why the others were left unchanged, with counts.
         cuts_s: times of scene changes [s].
         left_out: streams of the input file that the new file cannot hold.
-        turns: presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame.
+        rotations: presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame.
         gyro: the clip's gyro log and the result of using it; None if it has none.
         stabilisation: the smoothed path; None if the camera's path was left unchanged.
         enlargement: that of all frames, to hide their borders; None if borders may show, or were not looked for.
@@ -86,7 +88,7 @@ class ClipOutcome:
 
     source: str
     output: str
-    readout: ReadoutTime
+    readout_time: ReadoutTime
     interval_s: float
     model: FrameModel
     written: bool = True
@@ -97,14 +99,14 @@ class ClipOutcome:
     reasons: Counter[Reason] = field(default_factory=Counter)
     cuts_s: list[float] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-    turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    rotations: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     gyro: ClipGyro | None = None
     stabilisation: Stabilisation | None = None
     enlargement: Enlargement | None = None
     lens: Lens | None = None
     lens_degrees: float | None = None
     straight_degrees: float | None = None
-    direction: Readout | None = None
+    direction: ScanDirection | None = None
 
     @property
     def unchanged(self) -> dict[str, int]:
@@ -117,23 +119,23 @@ class ClipOutcome:
     @property
     def ratio(self) -> ReadoutRatio:
         """Readout time of a frame as a share of the time between frames."""
-        return self.readout.ratio(self.interval_s)
+        return self.readout_time.ratio(self.interval_s)
 
     @property
     def readout_ms(self) -> float:
         """Readout time of a frame [ms]."""
-        return self.readout.ms
+        return self.readout_time.ms
 
     @property
     def gap_s(self) -> tuple[float, float] | None:
         """Start and length of the longest gap between frames [s]; None if it is negligible."""
-        times = [time_s for time_s, _ in self.turns]
+        times = [time_s for time_s, _ in self.rotations]
         longest, at = max(((b - a, a) for a, b in pairwise(times)), default=(0.0, 0.0))
         return (at, longest) if longest > max(_GAP * self.interval_s, _GAP_S) else None
 
     def as_json(self) -> JsonObject:
         """Returns the record of the run for the log."""
-        plausible = self.readout.plausible_ms
+        plausible = self.readout_time.plausible_ms
         ratio = self.ratio
         return {
             "source": self.source,
@@ -150,14 +152,14 @@ class ClipOutcome:
             "readout_ratio": ratio.value,
             "readout_ratio_sd": ratio.error or None,
             "readout_ms": self.readout_ms,
-            "found_by": self.readout.source,
+            "found_by": self.readout_time.source,
             **({} if self.gyro is None else {"gyro": self.gyro.as_json()}),
             **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
             **({} if self.enlargement is None else {"enlarged": self.enlargement.as_json()}),
             **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),
             **({} if plausible is None else {"plausible_ms": list(plausible)}),
             **({} if self.direction is None else {"readout": self.direction}),
-            **({} if self.readout.shown_s is None else {"shown_ms": 1000 * self.readout.shown_s}),
+            **({} if self.readout_time.shown_s is None else {"shown_ms": 1000 * self.readout_time.shown_s}),
         }
 
     def plot(self, path: Path, overwrite: bool) -> None:
@@ -166,6 +168,6 @@ class ClipOutcome:
         Raises:
             UnshutterError: the picture cannot be written.
         """
-        times, turns = (np.array(values, np.float64) for values in zip(*self.turns, strict=True))
+        times, rotations = (np.array(values, np.float64) for values in zip(*self.rotations, strict=True))
         title = f"{Path(self.source).name}, readout time {self.readout_ms:.1f} ms"
-        plot_turns(times, 1000 * np.degrees(turns) / self.readout_ms, self.cuts_s, path, title, overwrite)
+        plot_rotation_rates(times, 1000 * np.degrees(rotations) / self.readout_ms, self.cuts_s, path, title, overwrite)

@@ -14,7 +14,7 @@ from unshutter.video.clip import ClipRequest
 from unshutter.video.gain import gain_of_clip, is_tested
 from unshutter.video.motion_file import ClipMotion, load_clip_motion
 from unshutter.video.readout import too_little_to_see
-from unshutter.video.survey import Survey, survey
+from unshutter.video.survey import SampledFrames, sample_frames
 from unshutter.video.work import Stage
 
 NO_FRAMES = "{clip} has no frames in this part"
@@ -45,26 +45,26 @@ def make_plan(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
     camera, evidence = find_camera(request)
     request = camera.complete(request)
     plan = plan_by_all(request, camera, evidence)
-    by_frames = camera.readout.declined is None
+    by_frames = camera.readout_time.declined is None
     is_used = by_frames and (isinstance(plan, Undo) or plan.reason.code is not Code.NOTHING_TO_SEE)
-    if camera.readout.source is not ReadoutSource.GIVEN and is_used:
-        request.work.observer.note_readout(camera.readout, request.clip.interval_s)
+    if camera.readout_time.source is not ReadoutSource.GIVEN and is_used:
+        request.work.observer.note_readout(camera.readout_time, request.clip.interval_s)
     return request, camera, plan
 
 
-def plan_by_all(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
+def plan_by_all(request: ClipRequest, camera: ClipCamera, evidence: SampledFrames) -> Plan:
     """Returns the plan for a clip of a camera by some of its frames; all are asked before it is left."""
     plan = plan_from(request, camera, evidence)
-    if isinstance(plan, Undo) or camera.readout.declined is not None or evidence.is_whole:
+    if isinstance(plan, Undo) or camera.readout_time.declined is not None or evidence.is_whole:
         return plan
     span_s = request.options.start, request.options.end
     request.work.expect({Stage.SURVEY_ALL: request.frames} | gain.expected(request, request.frames, request.frames))
-    every = survey(request, [span_s], request.steps("looking"), Stage.SURVEY_ALL)
+    every = sample_frames(request, [span_s], request.steps("looking"), Stage.SURVEY_ALL)
     request.work.expect({Stage.SURVEY_ALL: 0})
     return plan_from(request, camera, every.through(camera.lens))
 
 
-def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Plan:
+def plan_from(request: ClipRequest, camera: ClipCamera, evidence: SampledFrames) -> Plan:
     """Returns the plan for a clip by what its tracked frames show.
 
     Raises:
@@ -72,7 +72,7 @@ def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Pla
     """
     if evidence.is_whole and not evidence.parts:
         raise UnshutterError(NO_FRAMES, clip=request.clip.path)
-    time = camera.readout
+    time = camera.readout_time
     options = request.options
     frames = len(evidence.parts[0]) if evidence.is_whole else None
     if time.plausible_s is not None and options.steadiness.stabilize is None:
@@ -83,7 +83,7 @@ def plan_from(request: ClipRequest, camera: ClipCamera, evidence: Survey) -> Pla
         return Leave(time.declined, frames)
     if time.source is ReadoutSource.GIVEN or not is_tested(options):
         return Undo()
-    reason = gain_of_clip(request, time, camera.gyro and camera.gyro.turns, evidence).declined()
+    reason = gain_of_clip(request, time, camera.gyro and camera.gyro.rotations, evidence).declined()
     return Undo() if reason is None else Leave(reason, frames)
 
 
@@ -98,4 +98,8 @@ def _plan_of_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
             f"{clip.width}x{clip.height}: it belongs to another clip"
         )
     time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
-    return replace(request, readout=motion.readout, lens=motion.lens), ClipCamera(time, motion.lens), Undo(motion)
+    return (
+        replace(request, scan_direction=motion.scan_direction, lens=motion.lens),
+        ClipCamera(time, motion.lens),
+        Undo(motion),
+    )

@@ -20,10 +20,10 @@ from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import ClipRequest
 from unshutter.video.readout_regression import Regression, Run, regression, runs_of
-from unshutter.video.survey import Survey, TrackedFrame
+from unshutter.video.survey import SampledFrames, TrackedFrame
 from unshutter.video.work import Stage
 
-PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
+PART, _MIN_PAIRS = 60, 20  # frames in a part, and fewest pairs of a usable one
 MOST_PARTS = 12  # of a clip
 _FAR = 3.0  # standard deviations: parts that differ by more disagree
 _AGREE = 0.6  # least share of the parts' weight that agrees
@@ -33,12 +33,12 @@ _ROUNDING_PX = 0.05
 SOLVED = 55  # how often a pair of frames is part of a fit, usually
 
 
-def regression_in_survey(evidence: Survey) -> Regression | None:
+def regression_in_survey(evidence: SampledFrames) -> Regression | None:
     """Returns the readout ratio that the regression of all tracked frames shows, or None if they are too few."""
     return regression(runs_in_survey(evidence))
 
 
-def wobble_in_survey(evidence: Survey, rows: int) -> float | None:
+def wobble_in_survey(evidence: SampledFrames, rows: int) -> float | None:
     """Returns how far a clip wobbles from frame to frame, by what its readout explains; None if its frames are too few.
 
     Args:
@@ -52,7 +52,7 @@ def wobble_in_survey(evidence: Survey, rows: int) -> float | None:
     return None if shown is None or px is None else shown.wobble_px * px
 
 
-def runs_in_survey(evidence: Survey) -> list[Run]:
+def runs_in_survey(evidence: SampledFrames) -> list[Run]:
     """Returns the pairs of consecutive frames whose motion is known."""
     runs: list[Run] = []
     for part in evidence.parts:
@@ -63,15 +63,15 @@ def runs_in_survey(evidence: Survey) -> list[Run]:
     return runs
 
 
-def time_in_survey(request: ClipRequest, evidence: Survey) -> ReadoutTime:
+def time_in_survey(request: ClipRequest, evidence: SampledFrames) -> ReadoutTime:
     """Finds the readout time of a clip's camera in tracked frames; raises UnknownRatioError if they do not tell."""
     ratios: list[ReadoutRatio] = []
-    unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
+    unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_MIN_PAIRS))
     runs = [_longest_run(part) for part in _parts(evidence)]
     count = request.work.counts(Stage.SEARCH)
     request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: SOLVED * sum(len(run.pairs) for run in runs)})
     for run in runs:
-        if len(run.pairs) >= _FEWEST:
+        if len(run.pairs) >= _MIN_PAIRS:
             focal = request.focal and request.focal * ROWS
             try:
                 focal = focal or focal_from_motion(run.pairs[: PART // 2], GUESSED_RATIO, count)
@@ -102,7 +102,7 @@ def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
     return ReadoutRatio(value, error, ReadoutSource.FRAMES)
 
 
-def _parts(evidence: Survey) -> list[Sequence[TrackedFrame]]:
+def _parts(evidence: SampledFrames) -> list[Sequence[TrackedFrame]]:
     """Returns consecutive frames: the surveyed parts, or parts of a clip that was surveyed from begin to end."""
     if len(evidence.parts) != 1:
         return [part[: PART + 1] for part in evidence.parts]
@@ -146,7 +146,7 @@ def _longest_run(frames: Sequence[TrackedFrame]) -> _Run:
 # ---- bound on the visible motion -------------------------------------------------------------------------------
 
 
-def too_little_to_see(request: ClipRequest, evidence: Survey, longest_s: float) -> float | None:
+def too_little_to_see(request: ClipRequest, evidence: SampledFrames, longest_s: float) -> float | None:
     """Returns the largest displacement within a frame that a clip can show [px], or None if it is half a pixel or more.
 
     Args:

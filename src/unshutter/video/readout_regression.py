@@ -28,7 +28,7 @@ from unshutter.frames.tracks import Tracks, straightened
 from unshutter.motion.shapes import Bool, Float64
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 
-_FEWEST_TRACKS = 30  # of a pair of frames
+_MIN_TRACKS = 30  # of a pair of frames
 _LEAST_SPREAD = 0.5  # of their rows, as a share of the height
 _REPEATED_PX = 0.01  # a picture that moves by less is a copy
 _SHORTEST_RUN = 7  # pairs in a row: fewer have no path
@@ -75,7 +75,7 @@ class PairMotion:
         start = tracks.start
         moved = tracks.end - tracks.start
         half = (tracks.height - 1) / 2
-        if len(start) < _FEWEST_TRACKS or np.ptp(start[:, 1]) < 2 * _LEAST_SPREAD * half:
+        if len(start) < _MIN_TRACKS or np.ptp(start[:, 1]) < 2 * _LEAST_SPREAD * half:
             return None
         x, y = ((start - [(tracks.width - 1) / 2, half]) / half).T
         none = np.zeros_like(x)
@@ -182,7 +182,7 @@ class Regression:
         return self.rows.ratio / self.error
 
     @property
-    def readout(self) -> ReadoutRatio:
+    def readout_ratio(self) -> ReadoutRatio:
         """The ratio of a clip that was read from the top to the bottom, with an error that includes the model's."""
         error = float(np.hypot(self.error, _MODEL_ERROR * self.rows.ratio))
         return ReadoutRatio(min(self.rows.ratio, 1.0), error, ReadoutSource.REGRESSION)

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.frame_motion import SHARES
+from unshutter.frames.frame_motion import READOUT_FRACTION
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.warp import thread_count
 from unshutter.video.ahead import ahead
 from unshutter.video.camera import ClipCamera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_gyro import level_turns
+from unshutter.video.clip_gyro import level_rotations
 from unshutter.video.clip_motion import ROWS, MovingFrame, with_motion
 from unshutter.video.enlargement import Enlargement
 from unshutter.video.frame_links import LinkedFrame, linked
@@ -62,9 +62,9 @@ class Rendering:
         decoded = ahead(frames, clip.most_ahead(_DECODED_AHEAD))
         if self.path is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
             return self._with_known_motion(decoded)
-        turns = self.camera.gyro and self.camera.gyro.turns
+        rotations = self.camera.gyro and self.camera.gyro.rotations
         with_steps = options.steadiness.stabilize is not None or options.save_motion is not None
-        moving = with_motion(self.request, decoded, self.camera.readout, turns, with_steps)
+        moving = with_motion(self.request, decoded, self.camera.readout_time, rotations, with_steps)
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
     def view(self, number: int) -> View | None:
@@ -107,7 +107,7 @@ class Rendering:
         undo = self.request.options.undo
         moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
         if undo.model == "dense" and undo.strength and isinstance(self.plan, Undo):
-            ratio = self.camera.readout.ratio(request.clip.interval_s)
+            ratio = self.camera.readout_time.ratio(request.clip.interval_s)
             moving = ahead(linked(request, moving, ratio.value), _LINKED_AHEAD)
         return side_by_side(warper, moving, thread_count())
 
@@ -138,14 +138,14 @@ def straight_view(request: ClipRequest) -> StraightView:
             clip=request.clip.path,
         )
     height, width = request.frame_size
-    return StraightView.of(request.lens, request.readout, width / height)
+    return StraightView.of(request.lens, request.scan_direction, width / height)
 
 
 def with_steady_views(rendering: Rendering) -> Rendering:
     """Returns how a clip is rendered stabilised, after a first pass that determines the camera's path."""
     request = rendering.request
     options = rendering.request.options
-    turns = level_turns(rendering.camera.gyro) if options.steadiness.level else None
+    rotations = level_rotations(rendering.camera.gyro) if options.steadiness.level else None
     motion = rendering.plan.motion if isinstance(rendering.plan, Undo) else None
     path = _path_of(replace(rendering, plan=Undo(motion)), is_left=isinstance(rendering.plan, Leave))
     if motion is not None and not any(path.middle_steps):
@@ -153,7 +153,7 @@ def with_steady_views(rendering: Rendering) -> Rendering:
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
             "save it again with {--save-motion}"
         )
-    up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
+    up = rotations and up_directions(rotations, np.array(path.times_s), READOUT_FRACTION[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
     plan = replace(rendering.plan, frames=len(path)) if isinstance(rendering.plan, Leave) else rendering.plan
     return replace(rendering, plan=plan, path=path, stabilisation=steady)
@@ -185,14 +185,14 @@ def _path_of(rendering: Rendering, is_left: bool = False) -> CameraPath:
     request = rendering.request
     undo = replace(request.options.undo, strength=0.0) if is_left else request.options.undo
     height, width = request.frame_size
-    path = CameraPath(undo, request.readout, width / height, request.lens)
+    path = CameraPath(undo, request.scan_direction, width / height, request.lens)
     for moving in watched(rendering):
         path.add(moving.found, moving.step, moving.cut, moving.frame.time or 0.0)
     return path
 
 
 def watched(rendering: Rendering) -> Generator[MovingFrame]:
-    """Yields the frames with their motion, reporting progress for each: a pass before that which writes the film."""
+    """Yields the frames with their motion, reporting progress for each: a pass before that which writes the video."""
     steps = rendering.request.steps("looking")
     options = rendering.request.options
     decoded = rendering.request.clip.frames_between(options.start, options.end)

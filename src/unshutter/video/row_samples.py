@@ -15,7 +15,7 @@ from unshutter.motion import RotationMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Float64
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 
 STRIDE = 4  # rows
 _DECIMALS = 9
@@ -28,14 +28,14 @@ class RowSamples:
     rotations: Float64[np.ndarray, "samples 3"]  # of every fourth row, zero at the first [rad]
     focal_heights: float  # focal length [heights of the readout frame]
     width: int  # of the small picture [px]
-    readout: Readout
+    scan_direction: ScanDirection
 
     @classmethod
     def of(cls, motion: RotationMotion) -> RowSamples:
         """Returns the samples of a motion."""
         rotations = motion.rotations[::STRIDE]
         focal_heights = round(motion.focal_px / motion.height, _DECIMALS)
-        return cls(_rounded(rotations - rotations[0]), focal_heights, motion.width, motion.readout)
+        return cls(_rounded(rotations - rotations[0]), focal_heights, motion.width, motion.scan_direction)
 
     def motion(self, lens: Lens | None) -> RotationMotion:
         """Returns the motion of all rows."""
@@ -44,7 +44,7 @@ class RowSamples:
         for number, weight in enumerate(weights):  # BLAS would round by where an array lies in memory
             rotations += weight[:, None] * self.rotations[first + number]
         focal_px = self.focal_heights * len(rotations)
-        return RotationMotion(self.width, rotations - rotations[0], focal_px, lens, readout=self.readout)
+        return RotationMotion(self.width, rotations - rotations[0], focal_px, lens, scan_direction=self.scan_direction)
 
 
 def as_kept(found: Finding, lens: Lens | None) -> Finding:
@@ -55,7 +55,7 @@ def as_kept(found: Finding, lens: Lens | None) -> Finding:
 
 def step_as_kept(step: Step | None) -> Step | None:
     """Returns what a file would keep of the rotation since the previous frame."""
-    return None if step is None else replace(step, turn=_rounded(step.turn))
+    return None if step is None else replace(step, rotation=_rounded(step.rotation))
 
 
 def _rounded(rotations: np.ndarray) -> np.ndarray:

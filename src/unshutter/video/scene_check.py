@@ -17,7 +17,7 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.readout_regression import PairMotion, Regression, regression, runs_of
 
 _SOURCES = ReadoutSource.FRAMES, ReadoutSource.REGRESSION, ReadoutSource.USUAL  # those that frames may contradict
-_FEWEST = 30  # pairs of frames
+_MIN_PAIRS = 30  # pairs of frames
 _MOST = 240  # pairs, the last ones of a scene
 _SURE = 3.0  # standard errors
 _ERROR = 0.15  # largest standard error of a ratio that counts
@@ -65,6 +65,6 @@ class SceneCheck:
 
     def _is_contradicted_by(self, shown: Regression) -> bool:
         """Whether it is certain that less than half of the ratio that is undone is there."""
-        if shown.pairs < _FEWEST or shown.error > _ERROR or abs(shown.rows.ratio) > _LONGEST or shown.is_turned:
+        if shown.pairs < _MIN_PAIRS or shown.error > _ERROR or abs(shown.rows.ratio) > _LONGEST or shown.is_turned:
             return False
         return self.ratio / 2 - shown.rows.ratio > _SURE * shown.error

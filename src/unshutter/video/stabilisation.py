@@ -24,7 +24,7 @@ from unshutter.motion.motion import row_index
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float32, Float64
 from unshutter.options.clip_options import ClipUndo, Steadiness
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject, Reason
 from unshutter.video.clip_motion import ROWS
 from unshutter.video.frame_map import SteadyView, borders_of, margins, undone_part, zoom_needed
@@ -45,7 +45,7 @@ class CameraPath:
     """The motion of the frames of a clip, in order: about 1 kB per frame, or 2 kB with a gyro."""
 
     undo: ClipUndo  # how their motion is undone
-    readout: Readout  # direction in which stored pixels were read
+    scan_direction: ScanDirection  # direction in which stored pixels were read
     aspect: float  # width of the readout frame divided by its height
     lens: Lens | None = None  # the camera's lens, if it bends straight lines
     times_s: list[float] = field(default_factory=list)  # presentation time of each frame [s]
@@ -77,12 +77,12 @@ class CameraPath:
             rows = [row_index(reference, motion.height) for reference in ("middle", self.undo.reference)]
             middle, reference = rotation_matrix(motion.rotations[rows])
             at_reference = reference @ middle.T
-        turn = np.full(3, np.nan)
+        rotation = np.full(3, np.nan)
         if step is not None and not cut:
-            turn = rotation_vector(at_reference @ rotation_matrix(step.turn) @ self._at_reference.T)
+            rotation = rotation_vector(at_reference @ rotation_matrix(step.rotation) @ self._at_reference.T)
         self.times_s.append(time_s)
         self.cuts.append(cut)
-        self.steps.append(turn)
+        self.steps.append(rotation)
         self.focals.append(focal)
         self.borders.append(borders_of(undone_part(motion, self.undo), self.aspect))
         self.middle_steps.append(step)
@@ -119,7 +119,9 @@ class Stabilisation:
         """Returns the stabilised view of a frame, or None if it is the camera's own."""
         if self.zoom == 1.0 and not self.turns[frame].any():
             return None
-        return SteadyView(self.turns[frame], float(self.focals[frame]), self.zoom, self.path.readout, self.path.lens)
+        return SteadyView(
+            self.turns[frame], float(self.focals[frame]), self.zoom, self.path.scan_direction, self.path.lens
+        )
 
     def as_json(self) -> JsonObject:
         """Returns the record for a log of runs."""
@@ -148,15 +150,15 @@ def stabilised(
         return Stabilisation(path, np.zeros((len(path), 3)), np.ones(len(path)), 1.0, 0, 0, up is not None)
     needed = [scene.needed(turns) for scene, turns in zip(scenes, free, strict=True)]
     limited = [zooms > most for zooms in needed]
-    turns = [
+    rotations = [
         scene.within(scene.smoothed(stiffness, most), most) if over.any() else smooth
         for scene, smooth, over in zip(scenes, free, limited, strict=True)
     ]
-    zoom = max((float(scene.needed(each).max()) for scene, each in zip(scenes, turns, strict=True)), default=1.0)
+    zoom = max((float(scene.needed(each).max()) for scene, each in zip(scenes, rotations, strict=True)), default=1.0)
     zoom = 1.0 if zoom < _NEGLIGIBLE else min(zoom, most)
     return Stabilisation(
         path,
-        np.concatenate(turns) if turns else np.zeros((0, 3)),
+        np.concatenate(rotations) if rotations else np.zeros((0, 3)),
         np.concatenate([np.full(len(scene.times), scene.focal) for scene in scenes]) if scenes else np.zeros(0),
         zoom,
         int(sum(over.sum() for over in limited)),
@@ -165,11 +167,11 @@ def stabilised(
     )
 
 
-def _visible(scenes: list[_Scene], turns: list[Float64[np.ndarray, "frames 3"]]) -> bool:
+def _visible(scenes: list[_Scene], rotations: list[Float64[np.ndarray, "frames 3"]]) -> bool:
     """Whether anyone can see that the path changes."""
     axes_px = [
         np.abs(each) * [scene.focal * TALL, scene.focal * TALL, TALL / 2]
-        for scene, each in zip(scenes, turns, strict=True)
+        for scene, each in zip(scenes, rotations, strict=True)
     ]
     return bool(axes_px) and is_visible(np.concatenate(axes_px).max(axis=1))
 
@@ -221,54 +223,54 @@ class _Scene:
             stiffness: stiffness of the path (:func:`stiffness_for`).
             zoom: zoom at which no border may show; None for no such constraint.
         """
-        turns = np.zeros_like(self.steps)
+        rotations = np.zeros_like(self.steps)
         unit = self.focal * _ROWS
         for _ in range(_ROUNDS):
-            weights = np.ones_like(turns)
-            target = np.zeros_like(turns)
+            weights = np.ones_like(rotations)
+            target = np.zeros_like(rotations)
             if self.up is not None:
-                off, weights[:, 2] = self._off_level(turns)
-                target[:, 2] = turns[:, 2] + off
+                off, weights[:, 2] = self._off_level(rotations)
+                target[:, 2] = rotations[:, 2] + off
             room = None
             if zoom is not None:
-                inside, slopes = margins(self.borders, turns, self.focal, zoom, self.aspect, self.lens)
+                inside, slopes = margins(self.borders, rotations, self.focal, zoom, self.aspect, self.lens)
                 slopes = slopes / self.focal  # heights per unit
-                left = inside - _SPARE - np.einsum("nmi,ni->nm", slopes, turns * self.focal)
+                left = inside - _SPARE - np.einsum("nmi,ni->nm", slopes, rotations * self.focal)
                 room = Room(-slopes, left * _ROWS)
             smoothing = Smoothing(self.times, stiffness, weights)
-            turns = smoothing.corrections(self._path(turns) * unit, target * unit, room) / unit
-        return turns
+            rotations = smoothing.corrections(self._path(rotations) * unit, target * unit, room) / unit
+        return rotations
 
-    def needed(self, turns: np.ndarray) -> Float64[np.ndarray, "frames"]:
+    def needed(self, rotations: np.ndarray) -> Float64[np.ndarray, "frames"]:
         """Returns the zoom that each frame needs to hide its border."""
-        return zoom_needed(self.borders, turns, self.focal, self.aspect, self.lens)
+        return zoom_needed(self.borders, rotations, self.focal, self.aspect, self.lens)
 
-    def within(self, turns: np.ndarray, zoom: float) -> np.ndarray:
+    def within(self, rotations: np.ndarray, zoom: float) -> np.ndarray:
         """Returns the rotations, reduced where the border would still show."""
-        low = np.zeros(len(turns))
-        high = np.ones(len(turns))
-        over = self.needed(turns) > zoom
+        low = np.zeros(len(rotations))
+        high = np.ones(len(rotations))
+        over = self.needed(rotations) > zoom
         optics = self.focal, zoom, self.aspect, self.lens
         for _ in range(_SHRINKS if over.any() else 0):
             middle = (low + high) / 2
-            fits = margins(self.borders, turns * middle[:, None], *optics)[0].min(axis=1) >= 0
+            fits = margins(self.borders, rotations * middle[:, None], *optics)[0].min(axis=1) >= 0
             low = np.where(fits, middle, low)
             high = np.where(fits, high, middle)
-        return np.where(over, low, 1.0)[:, None] * turns
+        return np.where(over, low, 1.0)[:, None] * rotations
 
-    def _path(self, turns: np.ndarray) -> np.ndarray:
+    def _path(self, rotations: np.ndarray) -> np.ndarray:
         """Returns a path with these rotations as corrections; its smooth part is the stabilised camera's, added up."""
-        to_camera = rotation_matrix(turns)
+        to_camera = rotation_matrix(rotations)
         steady = to_camera[1:].transpose(0, 2, 1) @ rotation_matrix(self.steps[1:]) @ to_camera[:-1]
-        return np.concatenate([np.zeros((1, 3)), np.cumsum(rotation_vector(steady), axis=0)]) + turns
+        return np.concatenate([np.zeros((1, 3)), np.cumsum(rotation_vector(steady), axis=0)]) + rotations
 
-    def _off_level(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _off_level(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the clockwise angle of each stabilised view's horizon [rad], and its weight.
 
         The frame side nearest to up is taken as up: cameras are also held upright or mounted upside down.
         """
         assert self.up is not None
-        right, down, _ = np.einsum("nji,nj->in", rotation_matrix(turns), self.up)
+        right, down, _ = np.einsum("nji,nj->in", rotation_matrix(rotations), self.up)
         angle = np.unwrap(np.arctan2(right, -down))
         quarter = np.pi / 2
         sure = right**2 + down**2  # undetermined for a camera that looks straight up or down

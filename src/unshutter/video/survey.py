@@ -45,7 +45,7 @@ class TrackedFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class SampledFrames:
     """The tracked frames of some parts of a clip, in order."""
 
     parts: Sequence[Sequence[TrackedFrame]] = ()  # not empty themselves
@@ -61,7 +61,7 @@ class Survey:
         tracks = next((frame.tracks for frame in self.frames if frame.tracks is not None), None)
         return None if tracks is None else rows / tracks.height
 
-    def through(self, lens: Lens | None) -> Survey:
+    def through(self, lens: Lens | None) -> SampledFrames:
         """Returns the survey as seen through a lens that bends straight lines; None: it does not."""
         if lens is None:
             return self
@@ -71,9 +71,9 @@ class Survey:
         ]
         return replace(self, parts=seen)
 
-    def with_parts(self, other: Survey) -> Survey:
+    def with_parts(self, other: SampledFrames) -> SampledFrames:
         """Returns the survey of other parts of the clip, too."""
-        return Survey(sorted([*self.parts, *other.parts], key=lambda part: part[0].time_s))
+        return SampledFrames(sorted([*self.parts, *other.parts], key=lambda part: part[0].time_s))
 
     def runs(self, most: int, frames: int, skipped: int = 0) -> list[Sequence[TrackedFrame]]:
         """Returns series of consecutive frames that are spread evenly over the clip.
@@ -92,12 +92,12 @@ class Survey:
         return [parts[k][:frames] for k in chosen]
 
 
-def survey(
+def sample_frames(
     request: ClipRequest,
     parts_s: Sequence[tuple[float | None, float | None]],
     steps: Steps | None = None,
     stage: Stage = Stage.SURVEY,
-) -> Survey:
+) -> SampledFrames:
     """Decodes parts of a clip, and tracks corners in them.
 
     Args:
@@ -126,7 +126,7 @@ def survey(
                 steps.advance()
         parts.append(part)
     is_whole = list(parts_s) == [(request.options.start, request.options.end)]
-    return Survey([part for part in parts if part], is_whole)
+    return SampledFrames([part for part in parts if part], is_whole)
 
 
 def tracked_copies(request: ClipRequest, frames: Sequence[TrackedFrame]) -> Iterator[GreyFrame | None]:

@@ -17,8 +17,8 @@ from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
 from unshutter.errors import UnshutterError
-from unshutter.single.prior import Experience
-from unshutter.single.prospects import FAINT_PX, HARM, LOST, Prospect
+from unshutter.single.prior import BenefitCalibration
+from unshutter.single.prospects import FAINT_PX, HARM, LOST, ExpectedBenefit
 from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
 from unshutter_lab.evaluation.case import Record
 
@@ -104,7 +104,7 @@ def fit(cases: Cases, title: str) -> tuple[dict[str, Any], str]:
         "error": forest_fields(forests[1], names),
         "moved": _moved(cases, slope * odds + constant),
     }
-    Experience.read(fields)  # as it will be read
+    BenefitCalibration.read(fields)  # as it will be read
     lines = [f"{title}: log odds times {slope:.3f} plus {constant:.3f}"]
     return fields, "\n".join([*lines, *_curve(cases, better, error), *_reliability(cases, better)])
 
@@ -159,7 +159,7 @@ def _curve(cases: Cases, better: np.ndarray, error: np.ndarray) -> list[str]:
     lines = [f"of the motion, {np.median(lost):.2f} (median) is lost where undoing it harms ({LOST} is assumed)"]
     lines.append(f"{'suite':22} {'harm':>5} cases  nothing  decided (mean)  changed  worse by > .5, > 1 px")
     for harm in HARMS:
-        benefit = [Prospect(p, e, s).weighed(harm) for p, e, s in zip(better, error, size, strict=True)]
+        benefit = [ExpectedBenefit(p, e, s).weighed(harm) for p, e, s in zip(better, error, size, strict=True)]
         best = table.assign(benefit=benefit).sort_values("benefit").groupby("case", sort=False).tail(1)
         after = np.where(best["benefit"] > 0, best["error"], best["nothing"])
         for suite in np.unique(best["suite"]) if harm == HARM else ():

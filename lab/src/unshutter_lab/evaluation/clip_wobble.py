@@ -133,10 +133,10 @@ def grey_frames(path: Path, end_s: float = np.inf) -> Iterator[tuple[float, UInt
         UnshutterError: the clip cannot be read.
     """
     try:
-        with open_to_read(str(path)) as film:
-            stream = film.streams.video[0]
+        with open_to_read(str(path)) as video:
+            stream = video.streams.video[0]
             rate = float(stream.average_rate or 30)
-            for number, frame in enumerate(film.decode(stream)):
+            for number, frame in enumerate(video.decode(stream)):
                 if number >= end_s * rate:
                     return
                 yield frame.time if frame.time is not None else number / rate, frame.to_ndarray(format="gray")

@@ -18,7 +18,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
 from unshutter.motion.finding import Finding
 from unshutter.options import Clock, FrameModel, Reference, Undo
-from unshutter.orientation import Readout
+from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 from unshutter.run.inputs import PHOTO_SUFFIXES, RECTIFIED
 from unshutter.single.estimator import View
@@ -228,7 +228,9 @@ class PairCase(Case):
         photo = Photo.open(self.frame.rs)
         before, after = (path and Photo.open(path) for path in neighbours_of(self.frame))
         readout = Clock(self.readout_ratio or 1).stated_ratio
-        options = SequenceOptions(readout, Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=FRAMES[name])
+        options = SequenceOptions(
+            readout, Undo(reference, edges="keep"), ScanDirection.TOP_TO_BOTTOM, model=FRAMES[name]
+        )
         figures: Record = {"declined": "", "failed": "", "confidence": None}
         try:
             result = rectify_between(photo, before or None, after or None, options)

@@ -135,11 +135,11 @@ def _dots(results: Results):
 
 def _curves(results: Results):
     figure, axes = new_figure(len(results.curves), 5.4, 2)
-    looks = {name: (colour, dashes) for name, colour, dashes in looks_of(results)}
+    to_source = {name: (colour, dashes) for name, colour, dashes in looks_of(results)}
     for column, (title, curves) in enumerate(results.curves.items()):
         for axis, key in zip(axes[:, column], ("tx", "rz"), strict=True):
             for name, curve in curves.items():
-                colour, dashes = looks.get(name, ("black", "-"))
+                colour, dashes = to_source.get(name, ("black", "-"))
                 wide = 2.2 if name == "truth" else 1.2
                 axis.plot(curve["row"], curve[key], color=colour, ls=dashes, lw=wide, label=_short(name))
             axis.set_ylim(*_limits(curves, key))
@@ -169,11 +169,11 @@ def looks_of(results: Results) -> list[tuple[str, Any, str]]:
 
     colours = [matplotlib.colormaps["tab10"](k) for k in range(10)]
     others = [name for name in results.estimators if name != NOTHING]
-    looks: dict[str, tuple[Any, str]] = {
+    to_source: dict[str, tuple[Any, str]] = {
         name: (colours[k % 10], "-" if k < 10 else "--") for k, name in enumerate(others)
     }
-    looks[NOTHING] = ("0.5", ":")
-    return [(name, *looks[name]) for name in results.estimators]
+    to_source[NOTHING] = ("0.5", ":")
+    return [(name, *to_source[name]) for name in results.estimators]
 
 
 def finish_figure(figure: Any, axes: Any, used: int, label: str) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from shutil import which
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.pyav import FILM_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.reasons import JsonObject
 from unshutter_lab.evaluation.case import NOTHING, Case, Example, Loaded, Record
 from unshutter_lab.evaluation.clip_wobble import ClipWobble
@@ -59,9 +59,9 @@ def clips_in(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise UnshutterError(f"there is no folder {folder}" if not folder.exists() else f"{folder} is not a folder")
-    clips = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in FILM_FORMATS and path.is_file()]
+    clips = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in VIDEO_FORMATS and path.is_file()]
     if not clips:
-        raise UnshutterError(f"no clips in folder {folder} (looked for .mp4, .mov, .avi and other films)")
+        raise UnshutterError(f"no clips in folder {folder} (looked for .mp4, .mov, .avi and other videos)")
     return clips
 
 

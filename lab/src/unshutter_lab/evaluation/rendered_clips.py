@@ -134,15 +134,15 @@ def _noisy(scene: FilmedPlace, dice: np.random.Generator) -> Iterator[UInt8[np.n
 
 def _write(path: Path, frames: Iterator[np.ndarray], fps: float, options: dict[str, str]) -> None:
     with av().open(str(path), "w") as out:
-        film = None
+        video = None
         for pixels in frames:
-            if film is None:
-                film = out.add_stream("libx264", rate=round(fps), options=options)
-                film.height, film.width, film.pix_fmt = *pixels.shape[:2], _FORMAT
+            if video is None:
+                video = out.add_stream("libx264", rate=round(fps), options=options)
+                video.height, video.width, video.pix_fmt = *pixels.shape[:2], _FORMAT
             frame = av().VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
-            out.mux(film.encode(frame.reformat(format=_FORMAT)))
-        if film is not None:
-            out.mux(film.encode(None))
+            out.mux(video.encode(frame.reformat(format=_FORMAT)))
+        if video is not None:
+            out.mux(video.encode(None))
 
 
 def _frames(path: Path) -> Iterator[UInt8[np.ndarray, "height width 3"]]:

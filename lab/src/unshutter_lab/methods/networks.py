@@ -48,7 +48,7 @@ class Kandula2020Research(SquareNetwork):
             width=motion.width,
             tx_px=motion.tx_px,
             rz_rad=motion.rz_rad,
-            readout=view.readout,
+            scan_direction=view.scan_direction,
             residual_px=(row_map[0] - np.arange(SIZE)[:, None]) * (side / SIZE),
             corner=corner_of(view),
             size=(side, side),

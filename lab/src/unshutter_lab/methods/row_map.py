@@ -74,7 +74,7 @@ class RowMapMotion(Motion, kind="row-map"):
             object.__setattr__(self, name, (float(first), float(second)))
         _check_shape(residual.shape)
         motion_file.check_lengths(residual, *self.corner, *self.size, self.pose[0])
-        motion_file.check_turns(self.pose[1])
+        motion_file.check_rotations(self.pose[1])
         if min(self.size) < _SMALLEST_AREA_PX:
             raise UnshutterError("the area of a row map must be larger than nothing")
 
@@ -104,9 +104,9 @@ class RowMapMotion(Motion, kind="row-map"):
         """Returns the RS row [px] that read each GS position."""
         from scipy.ndimage import map_coordinates  # training on a bare machine, without SciPy, imports this module
 
-        moved, turned = self.pose
+        moved, rotated = self.pose
         middle = (self.width - 1) / 2, (self.height - 1) / 2
-        col, row = geometry.rs_to_gs(*positions(col, row), moved, np.float64(turned), middle)
+        col, row = geometry.rs_to_gs(*positions(col, row), moved, np.float64(rotated), middle)
         height, width = self.residual_px.shape
         x = (col - self.corner[0] + 0.5) * (width / self.size[0]) - 0.5
         y = (row - self.corner[1] + 0.5) * (height / self.size[1]) - 0.5

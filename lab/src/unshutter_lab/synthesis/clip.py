@@ -1,9 +1,9 @@
-"""Films with known motion: a photo seen by a camera rotating as recorded.
+"""Videos with known motion: a photo seen by a camera rotating as recorded.
 
 ``unshutter synthesize --video`` writes two: one is taken with a rolling shutter, the other with a global shutter at the
 times of the middle rows. Both have sound.
 
-A motion photo is a still and the film around it, which have their own readout times and fields of view. The film may be
+A motion photo is a still and a video around it, with readout times and fields of view of their own. The video may be
 stabilised as in phones: its frames then follow a smooth path instead of the camera's, with the rolling shutter
 corrected or not.
 """
@@ -58,7 +58,7 @@ def synthesize_clip(photo: Path, output: Path, pictures: Synthesize, clip: Synth
     with _new_folder(output) as folder, Progress(2 * camera.frames, "frames") as progress:
         for name, is_global in (("rs.mp4", False), ("gs.mp4", True)):
             frames = camera.rendered(pixels[..., :3], global_shutter=is_global)
-            write_film(str(folder / name), frames, camera, bar=progress)
+            write_video(str(folder / name), frames, camera, bar=progress)
 
 
 @contextmanager
@@ -79,7 +79,7 @@ def _new_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def write_film(
+def write_video(
     target: str | IO[bytes],
     frames: Iterable[UInt8[np.ndarray, "h w *bands"]],
     camera: TurningCamera,
@@ -87,21 +87,21 @@ def write_film(
     sound: bool = True,
     bar: Progress | None = None,
 ) -> None:
-    """Writes the frames of a camera, grey or in colour, as an MP4 film, with a tone as its sound."""
+    """Writes the frames of a camera, grey or in colour, as an MP4 video, with a tone as its sound."""
     rate = Fraction(camera.fps).limit_denominator(1001)
     with av().open(target, "w", format="mp4") as out:
-        film = out.add_stream("libx264", rate=rate, options={"crf": str(crf), "preset": "veryfast"})
-        film.width, film.height, film.pix_fmt = camera.width, camera.height, "yuv420p"
+        video = out.add_stream("libx264", rate=rate, options={"crf": str(crf), "preset": "veryfast"})
+        video.width, video.height, video.pix_fmt = camera.width, camera.height, "yuv420p"
         heard = out.add_stream("aac", rate=_SOUND) if sound else None
         for k, pixels in enumerate(frames):
             kind = "gray" if pixels.ndim == 2 else "rgb24"
             frame = av().VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format=kind)
-            out.mux(film.encode(frame.reformat(format="yuv420p")))
+            out.mux(video.encode(frame.reformat(format="yuv420p")))
             if heard:
                 out.mux(heard.encode(_tone(k, camera.fps)))
             if bar:
                 bar.advance()
-        for stream in filter(None, (film, heard)):
+        for stream in filter(None, (video, heard)):
             out.mux(stream.encode(None))
 
 
@@ -131,7 +131,7 @@ _XMP = (
 
 
 class Stabilisation(StrEnum):
-    """The stabilisation applied to the film."""
+    """The stabilisation applied to the video."""
 
     NONE = "none"
     FRAMES = "frames"
@@ -140,15 +140,15 @@ class Stabilisation(StrEnum):
 
 @dataclass(frozen=True)
 class FilmedStill:
-    """A still and its film."""
+    """A still and its video."""
 
-    camera: TurningCamera  # camera of the film
-    taken: float  # time at which the first row of the still was exposed [frame intervals since the film's first row]
+    camera: TurningCamera  # camera of the video
+    taken: float  # time at which the first row of the still was exposed [frame intervals since the video's first row]
     readout: float  # readout time of the still [frame intervals]. height, width: size of the still [px].
     height: int
     width: int
     focal_px: float  # focal length of the still [px]
-    stabilisation: Stabilisation = Stabilisation.NONE  # stabilisation applied to the film
+    stabilisation: Stabilisation = Stabilisation.NONE  # stabilisation applied to the video
     moving: bool = True  # whether the camera moved at all
 
     def motion(self) -> RotationMotion:
@@ -161,11 +161,11 @@ class FilmedStill:
     def still(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 0) -> UInt8[np.ndarray, "height width"]:
         """Returns the still."""
         rng, scale = np.random.default_rng(seed), self._scale(scene)
-        turned = self._rotations(self._still_times())
-        return seen(_softened(scene, scale), turned, self.width, self.focal_px, scale, _NOISE, rng)
+        rotated = self._rotations(self._still_times())
+        return seen(_softened(scene, scale), rotated, self.width, self.focal_px, scale, _NOISE, rng)
 
-    def film(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 1) -> Iterator[np.ndarray]:
-        """Yields the frames of its film, uint8 [height, width]."""
+    def video(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 1) -> Iterator[np.ndarray]:
+        """Yields the frames of its video, uint8 [height, width]."""
         rng, camera = np.random.default_rng(seed), self.camera
         scale = self._scale(scene) * self.focal_px / camera.focal_px
         scene = _softened(scene, scale)
@@ -174,17 +174,17 @@ class FilmedStill:
             yield seen(scene, rotations, camera.width, camera.focal_px, scale, _NOISE, rng)
 
     def motion_photo(self, scene: UInt8[np.ndarray, "rows columns"], quality: int = 92) -> bytes:
-        """Returns a JPEG followed by the film, as written by Google's phones."""
+        """Returns a JPEG followed by the video, as written by Google's phones."""
         import cv2
 
         stream = io.BytesIO()
-        write_film(stream, self.film(scene), self.camera, crf=20, sound=False)
-        film = stream.getvalue()
+        write_video(stream, self.video(scene), self.camera, crf=20, sound=False)
+        video = stream.getvalue()
         moment = round((self.taken + self.readout / 2) / self.camera.fps * 1e6)
-        packet = b"http://ns.adobe.com/xap/1.0/\0" + _XMP.format(moment=moment, length=len(film)).encode()
+        packet = b"http://ns.adobe.com/xap/1.0/\0" + _XMP.format(moment=moment, length=len(video)).encode()
         _, data = cv2.imencode(".jpg", self.still(scene), [cv2.IMWRITE_JPEG_QUALITY, quality])
         jpeg = data.tobytes()
-        return jpeg[:2] + b"\xff\xe1" + (len(packet) + 2).to_bytes(2, "big") + packet + jpeg[2:] + film
+        return jpeg[:2] + b"\xff\xe1" + (len(packet) + 2).to_bytes(2, "big") + packet + jpeg[2:] + video
 
     def _still_times(self) -> np.ndarray:
         return self.taken + self.readout * (np.arange(self.height) + 0.5) / self.height
@@ -197,8 +197,8 @@ class FilmedStill:
         """Returns R at times [frame intervals], relative to the pose at which the still was taken."""
         if not self.moving:
             return np.repeat(np.eye(3)[None], len(times), axis=0)
-        turned = self.camera.rotations(np.append(times, self.taken + self.readout / 2))
-        return turned[:-1] @ turned[-1].T
+        rotated = self.camera.rotations(np.append(times, self.taken + self.readout / 2))
+        return rotated[:-1] @ rotated[-1].T
 
     def _stabilised(self, frame: int, rows: np.ndarray) -> np.ndarray:
         """[rows, 3, 3] rotations of a frame's rows after stabilisation."""

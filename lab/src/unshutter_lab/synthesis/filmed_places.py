@@ -73,7 +73,7 @@ class Seen:
 
 
 class FilmedPlace:
-    """A place, and the camera that films it."""
+    """A place, and the camera that videos it."""
 
     def __init__(self, filming: Filming, place: Place, rng: np.random.Generator):
         self.filming = filming
@@ -180,7 +180,7 @@ class FilmedPlace:
         own = np.stack(np.meshgrid(np.arange(f.width), np.arange(f.height)), axis=-1).astype(np.float64)
         rows = np.arange(-_BEYOND, f.height + _BEYOND)
         times = self._row_times(frame, rows)
-        turned = self.camera.rotations(np.maximum(times, 0.0))
+        rotated = self.camera.rotations(np.maximum(times, 0.0))
         origins = dict(self._origins(times))
         at = own
         for _ in range(_ITERATIONS):
@@ -190,7 +190,7 @@ class FilmedPlace:
                 here = wanted.surface == number
                 on = wanted.near[here] + _between(origin, row[here])
                 ray[here] = np.concatenate([on, np.ones((len(on), 1))], axis=-1)
-            at = self._positions((_between(turned, row) @ ray[..., None])[..., 0])
+            at = self._positions((_between(rotated, row) @ ray[..., None])[..., 0])
         there = self.seen(self._times(frame, False, 1)).surface
         nearest = np.rint(at).astype(int)
         inside = (nearest >= 0).all(axis=-1) & (nearest < [f.width, f.height]).all(axis=-1)

@@ -107,8 +107,8 @@ class Place:
             rows: the row matrices of a motion; None for a camera that stands still.
         """
         matrices = np.broadcast_to(np.eye(3), (camera.height, 3, 3)) if rows is None else rows
-        looks = pixel_directions(camera.attitude() @ matrices, camera.focal_px, camera.width)
-        return self._along(*looks, camera.focal_px)
+        to_source = pixel_directions(camera.attitude() @ matrices, camera.focal_px, camera.width)
+        return self._along(*to_source, camera.focal_px)
 
     def along(
         self, directions: Float[np.ndarray, "height width 3"], focal_px: float

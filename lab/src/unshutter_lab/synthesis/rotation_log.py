@@ -143,8 +143,8 @@ class RotationLog:
         """Rates of the scene between samples [N - 1, 3], and R at samples [N, 3, 3]."""
         rates = np.stack([-self.pitch_rad_s, self.yaw_rad_s, self.roll_rad_s], axis=-1)
         rates = (rates[:-1] + rates[1:]) / 2
-        turns = rotation_matrix(rates * np.diff(self.t_s)[:, None])
-        return rates, np.array(list(accumulate(turns, lambda turned, turn: turn @ turned, initial=np.eye(3))))
+        rotations = rotation_matrix(rates * np.diff(self.t_s)[:, None])
+        return rates, np.array(list(accumulate(rotations, lambda turned, turn: turn @ turned, initial=np.eye(3))))
 
     def smoothed(self, sigma_s: float) -> RotationLog:
         """Returns the log with its rates smoothed by a Gaussian of this standard deviation."""
@@ -172,8 +172,8 @@ def _rates(times: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.n
     if (np.linalg.norm(quaternions, axis=1) < 0.5).any():
         raise UnshutterError("quaternion_wxyz contains rows that are not rotations")
     poses = Rotation.from_quat(quaternions, scalar_first=True)
-    turns = (poses[:-1].inv() * poses[1:]).as_rotvec()  # from one sample to the next, in the device's axes
-    return (times[:-1] + times[1:]) / 2, turns / np.diff(times)[:, None]
+    rotations = (poses[:-1].inv() * poses[1:]).as_rotvec()  # from one sample to the next, in the device's axes
+    return (times[:-1] + times[1:]) / 2, rotations / np.diff(times)[:, None]
 
 
 def _axis(word: str) -> tuple[int, int]:

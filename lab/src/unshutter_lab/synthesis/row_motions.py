@@ -157,7 +157,7 @@ def distorted(pixels: np.ndarray, motion: Motion, rows: float = 0.0) -> np.ndarr
             known + moment * rows * velocity
             for known, velocity in zip((motion.tx_px, motion.rz_rad), velocities, strict=True)
         )
-        moved = RowMotion(motion.width, tx, rz, reference=motion.reference, readout=motion.readout)
+        moved = RowMotion(motion.width, tx, rz, reference=motion.reference, scan_direction=motion.scan_direction)
         total += linear[distort_pixels(pixels, moved)]
     return encoded_light(total / count, pixels.dtype)
 

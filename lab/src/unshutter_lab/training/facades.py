@@ -21,8 +21,8 @@ def draw_facades(size: int, seed: int) -> np.ndarray:
     focal = side * dice.uniform(0.9, 1.8)
     azimuth = dice.uniform(-0.9, 0.9)
     corner = np.array([dice.uniform(-0.6, 0.6), dice.uniform(2.0, 5.0)])  # right, ahead [camera heights]
-    for turn in dice.permutation(3)[: dice.integers(1, 4)]:
-        angle = azimuth + turn * np.pi / 2
+    for rotation in dice.permutation(3)[: dice.integers(1, 4)]:
+        angle = azimuth + rotation * np.pi / 2
         end = corner + dice.uniform(2, 8) * np.array([np.cos(angle), np.sin(angle)])
         foot = np.array([corner, end])[np.argsort([corner[0], end[0]])]  # left end first
         if foot[:, 1].min() < 0.8:  # too close to the camera

@@ -129,8 +129,8 @@ class PlaceViews:
         return chosen + is_drawn * len(self.places)
 
     def _seen(self, which: Tensor, cameras: _Cameras, matrices: Tensor, size: int) -> Tensor:
-        looks = pixel_directions(cameras.attitude[:, None] @ matrices, cameras.focal_px[:, None], size)
-        return self._atlases(which.device).seen(which, looks, cameras.focal_px)
+        to_source = pixel_directions(cameras.attitude[:, None] @ matrices, cameras.focal_px[:, None], size)
+        return self._atlases(which.device).seen(which, to_source, cameras.focal_px)
 
     def _atlases(self, device: torch.device) -> Atlases:
         if self._held is None:
@@ -194,14 +194,14 @@ def _rows(moves: _Moves, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, T
     powers = torch.stack([u, u**2, u**3])  # [3, rows]
     focal = focal_px.double()[:, None]
     tx, rz, up = (each.double() @ powers for each in (moves.tx * size, moves.rz, moves.up * size))
-    turned = rotation_matrix(torch.stack([torch.arctan(up / focal), torch.arctan(tx / focal), rz], -1))
-    moved_px = focal * turned[..., 0, 2] / turned[..., 2, 2]
-    angle = torch.arctan2(-turned[..., 0, 1], turned[..., 1, 1])
+    rotated = rotation_matrix(torch.stack([torch.arctan(up / focal), torch.arctan(tx / focal), rz], -1))
+    moved_px = focal * rotated[..., 0, 2] / rotated[..., 2, 2]
+    angle = torch.arctan2(-rotated[..., 0, 1], rotated[..., 1, 1])
     nearest = torch.linalg.pinv(powers)
-    turns = moves.turns[:, None]
-    label_tx = torch.where(turns, moved_px @ nearest, moves.tx * size)
-    label_rz = torch.where(turns, angle @ nearest, moves.rz)
-    matrices = torch.where(turns[..., None, None], turned.transpose(-1, -2), paper_matrices(tx, rz, focal))
+    rotations = moves.turns[:, None]
+    label_tx = torch.where(rotations, moved_px @ nearest, moves.tx * size)
+    label_rz = torch.where(rotations, angle @ nearest, moves.rz)
+    matrices = torch.where(rotations[..., None, None], rotated.transpose(-1, -2), paper_matrices(tx, rz, focal))
     return matrices.float(), _from_u(label_tx), _from_u(label_rz)
 
 

@@ -5,7 +5,7 @@
 import { factsIn, Refused } from "./api.js";
 import { ofGroups } from "./form.js";
 import { Opened } from "./opened.js";
-import { films } from "./options.js";
+import { videos } from "./options.js";
 import { doing } from "./saving.js";
 import { WRONG } from "./states.js";
 import { words } from "./words.js";
@@ -19,7 +19,7 @@ const NOTHING = { share: 0, left: "" };
 
 /** @param {File} file */
 export const isClip = ({ type, name }) =>
-  type.startsWith("video/") || films.some((ending) => name.toLowerCase().endsWith(ending));
+  type.startsWith("video/") || videos.some((ending) => name.toLowerCase().endsWith(ending));
 
 export class Clip extends Opened {
   kind = /** @type {const} */ ("clip");
@@ -31,11 +31,11 @@ export class Clip extends Opened {
   /** @type {Blob[]} small pictures of all moments */
   smalls = [];
   /** @type {Blob | null} before and after, moving */
-  film = null;
+  video = null;
   filming = false; // whether that is being made
   /** @type {ReadoutTime | null} what is known of the camera's readout time */
   readout = null;
-  doing = NOTHING; // how far the search for it is, or the film, and how long that still takes
+  doing = NOTHING; // how far the search for it is, or the video, and how long that still takes
   /** @type {Blob[] | null} the small pictures that are on their way */
   #drawing = null;
   #work = new AbortController(); // of what the program does now
@@ -135,14 +135,14 @@ export class Clip extends Opened {
     super.forget();
   }
 
-  /** A short film of what is done around the moment that is shown. */
+  /** A short video of what is done around the moment that is shown. */
   async play() {
     const { wishes, moment } = this;
     this.filming = true;
     this.tell();
     try {
-      const film = await this.#followed(async () => (await this.#ask("film", { moment: String(moment) })).blob());
-      if (wishes === this.wishes && moment === this.moment) this.film = film;
+      const video = await this.#followed(async () => (await this.#ask("film", { moment: String(moment) })).blob());
+      if (wishes === this.wishes && moment === this.moment) this.video = video;
     } finally {
       this.filming = false;
       this.tell();
@@ -158,7 +158,7 @@ export class Clip extends Opened {
   /** @param {number} moment */
   goTo(moment) {
     this.moment = moment;
-    this.film = null;
+    this.video = null;
     this.#clear();
     const small = this.smalls[moment];
     if (small) this.pictures.before = { blob: small, longest: SMALL }; // until the larger one is there
@@ -167,7 +167,7 @@ export class Clip extends Opened {
   /** @param {string} name @param {string} value */
   set(name, value) {
     super.set(name, value);
-    this.film = null; // which shows what was asked for before
+    this.video = null; // which shows what was asked for before
     if (SEARCHED.includes(name)) {
       this.readout = null;
       this.#cancelled = false;

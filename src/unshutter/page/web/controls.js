@@ -116,7 +116,7 @@ function said(photo) {
   const lines = (result.changed ? changes(photo) : [unchanged(photo)]).map((line) => make("p", line));
   const { roll_deg: roll = null, tilt_deg: tilt = null, from = "" } = result.attitude ?? {};
   if (roll !== null || tilt !== null) lines.push(make("p", words.heldSo(roll, tilt, from)));
-  if (result.film) lines.push(make("p", words.filmUnused(result.film.sentence)));
+  if (result.film) lines.push(make("p", words.videoUnused(result.film.sentence)));
   const sure = result.changed && !result.code && !photo.byHand && result.certainty;
   if (!sure) return lines;
   const doubted = DOUBTED.includes(sure);
@@ -137,8 +137,8 @@ function changes({ byHand, result }) {
   const moved = result.neighbours ? words.moment : byHand ? words.movedByHand : words.moved;
   if (!result.code) lines.push(moved(result.largest_px));
   if (result.edges === "borrow") lines.push(words.edgesBorrow);
-  if (result.edges === "keep") lines.push(words.edgesKeep(result.whole));
-  else if ((result.whole ?? 1) < 1) lines.push(words.edgesCrop(result.whole));
+  if (result.edges === "keep") lines.push(words.edgesKeep(result.area_left));
+  else if ((result.area_left ?? 1) < 1) lines.push(words.edgesCrop(result.area_left));
   if (result.little_left) lines.push(words.littleLeft);
   if (result.edges === "fill") lines.push(words.edgesFill);
   return lines;

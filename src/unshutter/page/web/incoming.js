@@ -1,7 +1,7 @@
 // Photos and clips on their way in: dropped, pasted or chosen; folders are looked through.
 
 import { wake } from "./api.js";
-import { by } from "./nodes.js";
+import { element } from "./nodes.js";
 
 /** Calls back with the files, whichever way they come. @param {(files: File[]) => void} take */
 export function watch(take) {
@@ -24,7 +24,7 @@ export function watch(take) {
   document.addEventListener("paste", (event) => {
     if (event.clipboardData?.files.length) take([...event.clipboardData.files]);
   });
-  const choose = /** @type {HTMLInputElement} */ (by("choose"));
+  const choose = /** @type {HTMLInputElement} */ (element("choose"));
   choose.addEventListener("change", () => {
     take([...(choose.files ?? [])]);
     choose.value = ""; // so that the same file can be chosen again

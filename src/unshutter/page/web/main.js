@@ -6,13 +6,13 @@ import { about, onHealth } from "./api.js";
 import { findBursts } from "./bursts.js";
 import { Clip, isClip } from "./clip.js";
 import { watch } from "./incoming.js";
-import { by } from "./nodes.js";
+import { element } from "./nodes.js";
 import { shared } from "./panel.js";
 import { Photo } from "./photo.js";
 import { saveAll } from "./saving.js";
 import { pressed, VECTORS } from "./stage.js";
 import { Strip } from "./strip.js";
-import { stay } from "./tab.js";
+import { keepOpen } from "./tab.js";
 import { View } from "./view.js";
 import { button } from "./widgets.js";
 import { words } from "./words.js";
@@ -34,12 +34,12 @@ for (const node of document.querySelectorAll("[data-label]")) {
   node.setAttribute("aria-label", wordOf(node, "data-label"));
 }
 const save = button("saveAll", () => saveAll(strip.shown, notice));
-by("header").append(save);
-by("choosing").append(
+element("header").append(save);
+element("choosing").append(
   button("chooseFiles", () => {}, { class: "main" }),
   button("sample", sample),
 );
-const strip = new Strip(by("thumbnails"), by("strip-bar"), { pick: show, close, filtered });
+const strip = new Strip(element("thumbnails"), element("strip-bar"), { pick: show, close, filtered });
 const view = new View({ notice, toAll, step, close: () => view.current && close(view.current) });
 
 /** @param {Element} node @param {string} attribute */
@@ -84,7 +84,7 @@ function show(item) {
   view.show(item);
   arrange();
   const phone = matchMedia("(max-height: 30em)").matches; // on which the page is longer than the screen
-  scrollTo(0, phone ? by("viewer").offsetTop : 0);
+  scrollTo(0, phone ? element("viewer").offsetTop : 0);
 }
 
 /** @param {Item} item */
@@ -116,11 +116,12 @@ function filtered(shown) {
 
 function arrange() {
   const many = items.length > 1;
-  by("empty").hidden = items.length > 0;
-  by("viewer").hidden = !items.length;
-  if (!items.length) for (const id of ["panel", "clip-panel"]) by(id).hidden = true;
+  element("empty").hidden = items.length > 0;
+  element("viewer").hidden = !items.length;
+  if (!items.length) for (const id of ["panel", "clip-panel"]) element(id).hidden = true;
   view.bar.many = many;
-  for (const node of [by("strip"), save, view.controls.toAll, view.clipControls.toAll]) if (node) node.hidden = !many;
+  for (const node of [element("strip"), save, view.controls.toAll, view.clipControls.toAll])
+    if (node) node.hidden = !many;
 }
 
 /** What nobody looks at gets its motion, too: photos a few at a time, and after them a clip at a time. */
@@ -174,8 +175,8 @@ let lasting = 0;
 
 /** @param {string} line */
 function notice(line) {
-  by("notice").textContent = line;
-  by("notice").hidden = !line;
+  element("notice").textContent = line;
+  element("notice").hidden = !line;
   clearTimeout(lasting);
   if (line) lasting = setTimeout(() => notice(""), NOTICE_MS);
 }
@@ -183,7 +184,7 @@ function notice(line) {
 onHealth((health) => {
   const said = { gone: words.gone, "old link": words.oldLink };
   if (health) notice(said[health]);
-  else if (Object.values(said).includes(by("notice").textContent ?? "")) notice("");
+  else if (Object.values(said).includes(element("notice").textContent ?? "")) notice("");
 });
 
 // ---- keys, and what else happens to the page ----
@@ -218,7 +219,7 @@ for (const [way, [across, down]] of Object.entries(VECTORS)) {
 addEventListener("keydown", (event) => {
   const typing = pressed(event, "input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const [key, held] = [event.key.toLowerCase(), event.ctrlKey || event.metaKey];
-  const dialog = /** @type {HTMLDialogElement} */ (by("save-which"));
+  const dialog = /** @type {HTMLDialogElement} */ (element("save-which"));
   if (!view.current || typing) return;
   if (held && (key === "y" || key === "z")) {
     event.preventDefault();
@@ -233,13 +234,13 @@ addEventListener("keydown", (event) => {
 addEventListener("keyup", (event) => {
   if (event.key.toLowerCase() === "o") stage.original = false;
 });
-by("drop-area").addEventListener("click", (event) => !pressed(event, "#sample") && by("choose").click());
+element("drop-area").addEventListener("click", (event) => !pressed(event, "#sample") && element("choose").click());
 addEventListener("beforeunload", (event) => {
-  if (!by("saving").hidden || items.some((item) => item.unsaved)) event.preventDefault();
+  if (!element("saving").hidden || items.some((item) => item.unsaved)) event.preventDefault();
 });
 addEventListener("pagehide", () => items.forEach((item) => item.forget()));
 watch(take);
-stay(take, notice);
+keepOpen(take, notice);
 
 about()
   .then((answer) => {

@@ -57,4 +57,4 @@ export function putName(node, name) {
 }
 
 /** @param {string} id */
-export const by = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
+export const element = (id) => /** @type {HTMLElement} */ (document.getElementById(id));

@@ -3,4 +3,4 @@ import type { Schema } from "./types.js";
 
 export const photo: Record<string, Schema>;
 export const clip: Record<string, Schema>;
-export const films: string[]; // the endings of their names
+export const videos: string[]; // the endings of their names

@@ -1,4 +1,4 @@
-// A few seconds of a clip before and after, in step: one film has both halves of each frame, two canvases show them.
+// A few seconds of a clip before and after, in step: one video has both halves of each frame, two canvases show them.
 
 /** @import { Clip } from "./clip.js" @import { Item } from "./types.js" @import { Stage } from "./stage.js" */
 
@@ -9,20 +9,20 @@ import { words } from "./words.js";
 
 export class Player {
   /** @type {Blob | null} that the clip has for its options as they are */
-  #film = null;
+  #video = null;
   /** @type {Clip | null} */
   #clip = null;
   #halves = { before: make("canvas", { "aria-hidden": "true" }), after: make("canvas", { "aria-hidden": "true" }) };
 
   /**
    * @param {HTMLElement} node where its controls go @param {Stage} stage shows both halves
-   * @param {() => void} play called when a film is asked for
+   * @param {() => void} play called when a video is asked for
    */
   constructor(node, stage, play) {
     this.stage = stage;
     this.video = make("video", { muted: true, loop: true, playsinline: true });
     this.video.muted = true;
-    this.button = button("play", () => (this.#film ? this.toggle() : play()));
+    this.button = button("play", () => (this.#video ? this.toggle() : play()));
     const range = { type: "range", id: "play-at", min: "0", max: "1", step: "any" };
     this.place = make("input", range, { "aria-label": words.playAt, hidden: true, oninput: () => this.#seek() });
     this.bar = make("progress", { "aria-label": words.progress });
@@ -36,7 +36,7 @@ export class Player {
   }
 
   /**
-   * Shows the controls of a clip, and how far its motion or film is; of a photo, none. The film is gone once the clip
+   * Shows the controls of a clip, and how far its motion or video is; of a photo, none. The video is gone once the clip
    * has another, or none.
    * @param {Item} item
    */
@@ -53,8 +53,8 @@ export class Player {
     if (clip?.doing.share) this.bar.value = clip.doing.share;
     else this.bar.removeAttribute("value");
     this.button.hidden = busy;
-    const film = clip?.film ?? null;
-    if (film !== this.#film) this.#load(film);
+    const video = clip?.video ?? null;
+    if (video !== this.#video) this.#load(video);
   }
 
   toggle() {
@@ -67,22 +67,22 @@ export class Player {
     this.video.currentTime = Number(this.place.value) * (this.video.duration || 0);
   }
 
-  /** @param {Blob | null} film */
-  #load(film) {
-    this.#film = film;
+  /** @param {Blob | null} video */
+  #load(video) {
+    this.#video = video;
     URL.revokeObjectURL(this.video.src);
     this.video.pause();
-    this.place.hidden = !film;
-    this.stage.film(null);
-    if (film) {
-      this.video.src = URL.createObjectURL(film);
+    this.place.hidden = !video;
+    this.stage.video(null);
+    if (video) {
+      this.video.src = URL.createObjectURL(video);
       this.video.play().catch(() => {});
     } else this.video.removeAttribute("src");
     this.#label();
   }
 
   #label() {
-    const playing = this.#film !== null && !this.video.paused;
+    const playing = this.#video !== null && !this.video.paused;
     this.button.textContent = playing ? words.pause : words.play;
     this.button.setAttribute("aria-pressed", String(playing));
     if (playing) this.#follow();
@@ -95,7 +95,7 @@ export class Player {
         ? this.video.requestVideoFrameCallback(drawn)
         : requestAnimationFrame(drawn);
     const next = () => {
-      if (this.video.paused || !this.#film) return;
+      if (this.video.paused || !this.#video) return;
       this.#draw();
       this.place.value = String(this.video.currentTime / (this.video.duration || 1));
       wait(next);
@@ -105,11 +105,11 @@ export class Player {
 
   #draw() {
     const [width, height] = [this.video.videoWidth / 2, this.video.videoHeight];
-    if (!this.#film || !width) return;
+    if (!this.#video || !width) return;
     for (const [k, canvas] of [this.#halves.before, this.#halves.after].entries()) {
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
       canvas.getContext("2d")?.drawImage(this.video, k * width, 0, width, height, 0, 0, width, height);
     }
-    this.stage.film(this.#halves);
+    this.stage.video(this.#halves);
   }
 }

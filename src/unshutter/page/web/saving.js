@@ -3,14 +3,14 @@
 /** @import { Doing, Item, Notice, Progress, Saving } from "./types.js" @import { Photo } from "./photo.js" */
 
 import { ask, close, download, events, lineOf } from "./api.js";
-import { by } from "./nodes.js";
+import { element } from "./nodes.js";
 import { WRONG } from "./states.js";
 import { button } from "./widgets.js";
 import { words } from "./words.js";
 
-const bar = () => /** @type {HTMLProgressElement} */ (by("saving-bar"));
+const bar = () => /** @type {HTMLProgressElement} */ (element("saving-bar"));
 const stop = button("stopSaving", () => {});
-by("saving").append(stop);
+element("saving").append(stop);
 
 /** @param {unknown} error */
 export const messageOf = (error) => (error instanceof Error ? error.message : String(error));
@@ -54,10 +54,10 @@ export async function saveAll(items, notice) {
 
 /** @param {number} changed @param {number} total @param {boolean} none is straightened @returns {Promise<string>} */
 function choice(changed, total, none) {
-  const dialog = /** @type {HTMLDialogElement} */ (by("save-which"));
-  by("save-which-words").textContent = words.saveWhich(changed, total);
+  const dialog = /** @type {HTMLDialogElement} */ (element("save-which"));
+  element("save-which-words").textContent = words.saveWhich(changed, total);
   dialog.returnValue = ""; // which Escape leaves
-  by("save-changed").hidden = none;
+  element("save-changed").hidden = none;
   dialog.showModal();
   /** @type {HTMLElement | null} */ (dialog.querySelector("button:not([hidden])"))?.focus();
   return new Promise((chosen) => dialog.addEventListener("close", () => chosen(dialog.returnValue), { once: true }));
@@ -82,7 +82,7 @@ async function saveMany(items, to, notice, onlyChanged = false) {
       stopped = true;
       ask(`/api/saves/${begun.id}`, { method: "DELETE" });
     };
-    by("saving").hidden = false;
+    element("saving").hidden = false;
     for await (const now of events(`/api/saves/${begun.id}/events`)) show((saving = /** @type {Saving} */ (now)));
     if (stopped) saving.state = "cancelled"; // even if it was just finished: its files are gone
     await ended(saving, notice);
@@ -91,7 +91,7 @@ async function saveMany(items, to, notice, onlyChanged = false) {
   } catch (error) {
     notice(messageOf(error));
   } finally {
-    by("saving").hidden = true;
+    element("saving").hidden = true;
     removeEventListener("pagehide", leave);
     leave();
   }
@@ -104,7 +104,7 @@ export const doing = (now) => ({ share: now?.share ?? 0, left: now?.left_s ? wor
 function show({ done, total, now }) {
   const { share, left } = doing(now);
   const many = total > 1 || !now ? words.saving(done.length, total) : "";
-  by("saving-words").textContent = [many, now ? making(now) : "", left].filter(Boolean).join(" · ");
+  element("saving-words").textContent = [many, now ? making(now) : "", left].filter(Boolean).join(" · ");
   if (done.length + share) bar().value = (done.length + share) / total;
   else bar().removeAttribute("value"); // nobody knows yet
 }
@@ -122,7 +122,7 @@ async function ended({ id, to, state, error = "", total, done }, notice) {
   if (state === "cancelled") return notice(words.cancelled);
   if (state !== "finished") return notice(error);
   if (count) {
-    by("saving-words").textContent = words.fetching;
+    element("saving-words").textContent = words.fetching;
     await download(await ask(`/api/saves/${id}/file`));
   }
   const [{ name, declined = [], frames }] = done;

@@ -50,7 +50,7 @@ export class Stage {
   /** @type {Point} of the frame's middle from the stage's [CSS px] */
   #shift = [0, 0];
   /** @type {Halves | null} */
-  #film = null;
+  #video = null;
   /** @type {Map<number, Point>} */
   #pointers = new Map();
   /** @type {(event: PointerEvent) => boolean} takes a press on the picture in the tool's mode; whether it did */
@@ -110,7 +110,7 @@ export class Stage {
     }
     this.say("");
     this.crop(null);
-    this.film(null);
+    this.video(null);
     this.segments(null);
     this.whole();
   }
@@ -133,9 +133,9 @@ export class Stage {
   }
 
   /** Moving pictures over both; null: none. @param {Halves | null} halves */
-  film(halves) {
-    if (halves === this.#film) return;
-    this.#film = halves;
+  video(halves) {
+    if (halves === this.#video) return;
+    this.#video = halves;
     for (const side of SIDES) {
       this.wholes[side].querySelector("canvas")?.remove();
       if (halves) this.images[side].after(halves[side]);

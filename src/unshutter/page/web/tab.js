@@ -21,7 +21,7 @@ const { id, given } = takeId();
  * Reports until the tab is closed; calls back with files, and with what keeps one from being opened.
  * @param {(files: File[]) => void} take @param {(line: string) => void} refuse
  */
-export async function stay(take, refuse) {
+export async function keepOpen(take, refuse) {
   addEventListener("pagehide", () => close(TABS, id));
   const report = async (again = "") => {
     const answer = await ask(`${TABS}/${id}${again}`, { method: "POST" });

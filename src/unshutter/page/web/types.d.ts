@@ -76,7 +76,7 @@ export interface PhotoResult {
   lean_deg?: number; // by how much levelling would turn it, where that is advised
   lean_error_deg?: number; // standard deviation of that angle
   edges: Edges | null;
-  whole: number | null;
+  area_left: number | null;
   little_left: boolean;
   crop: Box | null;
   neighbours?: true;

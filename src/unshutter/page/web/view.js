@@ -10,7 +10,7 @@ import { ClipControls } from "./clip_controls.js";
 import { Controls } from "./controls.js";
 import { Lines } from "./lines.js";
 import { Moments } from "./moments.js";
-import { by } from "./nodes.js";
+import { element } from "./nodes.js";
 import { Player } from "./player.js";
 import { messageOf, saveMotion, saveOne } from "./saving.js";
 import { Stage } from "./stage.js";
@@ -44,17 +44,17 @@ export class View {
   /** @param {On} on */
   constructor(on) {
     this.on = on;
-    this.stage = new Stage(by("stage"), () => this.#zoomed());
-    this.bar = new Bar(by("bar"), this.stage, { ...on, fullScreen: () => this.fullScreen() });
+    this.stage = new Stage(element("stage"), () => this.#zoomed());
+    this.bar = new Bar(element("bar"), this.stage, { ...on, fullScreen: () => this.fullScreen() });
     this.lines = new Lines(
       this.stage,
       () => this.refresh(),
       () => this.draft(),
     );
-    this.controls = new Controls(by("panel"), this.lines, this);
-    this.clipControls = new ClipControls(by("clip-panel"), this);
+    this.controls = new Controls(element("panel"), this.lines, this);
+    this.clipControls = new ClipControls(element("clip-panel"), this);
     const { hand, neighbours } = this.controls;
-    this.advice = new Advice(by("advice"), {
+    this.advice = new Advice(element("advice"), {
       adviceWay: (way) => this.#change("moving", way),
       adviceLevel: () => this.#change("upright", "level"),
       adviceAnyway: () => this.#change("min-confidence", "0"),
@@ -65,9 +65,9 @@ export class View {
       useBurst: () => this.#useBurst(),
       toolDone: () => hand.stop(),
     });
-    this.moments = new Moments(by("moments"), (number) => this.goTo(number));
-    this.player = new Player(by("player"), this.stage, () => this.#film());
-    this.candidates = new Candidates(by("candidates"), (number) => this.take(number));
+    this.moments = new Moments(element("moments"), (number) => this.goTo(number));
+    this.player = new Player(element("player"), this.stage, () => this.#video());
+    this.candidates = new Candidates(element("candidates"), (number) => this.take(number));
   }
 
   /** What is looked at, if it is a photo. */
@@ -119,13 +119,19 @@ export class View {
     const inPicture = WRONG.includes(state) && !pictures.before; // the error is said where the picture would be
     const failed = state === "failed";
     if (inPicture) this.stage.say([words.sentence(error, item.name), failed ? words.failedHelp : ""].join(" "));
-    by("viewer").classList.toggle("bare", inPicture && failed);
-    by("panel").hidden = kind !== "photo" || failed;
-    by("clip-panel").hidden = kind !== "clip";
+    element("viewer").classList.toggle("bare", inPicture && failed);
+    element("panel").hidden = kind !== "photo" || failed;
+    element("clip-panel").hidden = kind !== "clip";
     const saidElsewhere = ["done", "asking"].includes(state) || inPicture;
     const reading = kind === "clip" && state === "finding" && (pictures.before || item.glimpse ? "" : words.opening);
-    by("working").textContent = saidElsewhere ? "" : failed ? error : reading !== false ? reading : stateSaid(item);
-    by("working").classList.toggle("wrong", failed && !inPicture);
+    element("working").textContent = saidElsewhere
+      ? ""
+      : failed
+        ? error
+        : reading !== false
+          ? reading
+          : stateSaid(item);
+    element("working").classList.toggle("wrong", failed && !inPicture);
   }
 
   /** @param {Item} item */
@@ -157,9 +163,9 @@ export class View {
     this.#asking = item;
     const size = this.#longest();
     const whole = part === "both" || item.pictures.before?.longest !== size;
-    if (size === "full") by("working").textContent = words.drawing;
+    if (size === "full") element("working").textContent = words.drawing;
     const slow = setTimeout(() => {
-      if (item === this.photo) by("working").textContent ||= words.working;
+      if (item === this.photo) element("working").textContent ||= words.working;
     }, SLOW_MS);
     await item.show(size, false, whole ? "both" : "after");
     clearTimeout(slow);
@@ -216,7 +222,7 @@ export class View {
     if (this.clip?.state === "done") this.player.button.click();
   }
 
-  async #film() {
+  async #video() {
     const { clip } = this;
     try {
       await clip?.play();
@@ -235,7 +241,7 @@ export class View {
   fullScreen() {
     if (document.fullscreenElement) document.exitFullscreen();
     else
-      by("viewer")
+      element("viewer")
         .requestFullscreen?.()
         .catch(() => {});
   }

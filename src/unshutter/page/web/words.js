@@ -120,7 +120,7 @@ export const words = {
   left: (s) => (s < 90 ? `about ${Math.max(Math.round(s / 5) * 5, 5)} s left` : `about ${Math.round(s / 60)} min left`),
   // a file's name at the start stays in small letters
   sentence: (line, name = "") => `${name && line.startsWith(name) ? line[0] : line[0].toUpperCase()}${line.slice(1)}.`,
-  filmUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
+  videoUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
 
   // a photo that was left unchanged, and what may help: buttons as the program advises them (page/sentences.py)
   declined:
@@ -238,7 +238,7 @@ export const words = {
     "focal-px": "Focal length [px]",
     "exposure-s": "Exposure time [s]",
     "readout-ms": "Readout time [ms]",
-    "no-film": "Do not use the film inside the photo",
+    "no-film": "Do not use the video inside the photo",
     quality: "Quality, 1 to 100",
     subsampling: "Colour resolution",
     fps: "Frames per second",
@@ -358,8 +358,8 @@ export const words = {
   time: (s) => `${Math.floor(s / 60)}:${(s % 60).toFixed(1).padStart(4, "0")}`,
   play: "Play before and after",
   pause: "Pause",
-  playAt: "Place in the film",
-  filming: "Making a short film of the seconds around this moment",
+  playAt: "Place in the video",
+  filming: "Making a short video of the seconds around this moment",
   searching: "Finding the readout time and the motion",
   progress: "Progress",
   stopSearch: cancel,
@@ -373,7 +373,7 @@ export const words = {
   clipOnlySaved: {
     stabilize: "“Play before and after” shows it; single moments do not.",
     model:
-      "Only in the saved clip do near and far move differently: the moments and the film here show the camera’s " +
+      "Only in the saved clip do near and far move differently: the moments and the video here show the camera’s " +
       "motion alone.",
   },
   clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",

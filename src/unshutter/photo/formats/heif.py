@@ -49,7 +49,7 @@ class Avif(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
-        own, left_behind = boxes.look(source)
+        own, left_behind = boxes.inspect_boxes(source)
         image = picture_format.open_image(self, source)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         found = picture_format.metadata_of(image)
@@ -123,7 +123,7 @@ class Heic(Format):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        own, left_behind = boxes.look(source)
+        own, left_behind = boxes.inspect_boxes(source)
         picture = _primary(source)
         info = picture.info
         height, width = own.orientation.size(*picture.size[::-1])

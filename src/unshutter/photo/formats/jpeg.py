@@ -19,7 +19,7 @@ from unshutter.errors import UnshutterError
 from unshutter.photo import chunks, exif, xmp
 from unshutter.photo.chunks import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind, insert
 from unshutter.photo.directories import EXIF_PREFIX
-from unshutter.photo.film import appended_film
+from unshutter.photo.embedded_video import appended_video
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source
@@ -126,9 +126,9 @@ class Jpeg(WrittenFormat):
             added = chunks.encoded_segment(APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
         if added:
             insert(file, at, added)
-        if metadata.film is not None:
+        if metadata.video is not None:
             file.seek(0, io.SEEK_END)
-            file.write(metadata.film.data)
+            file.write(metadata.video.data)
         return left_out
 
 
@@ -143,21 +143,21 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     """Completes the metadata that libvips found in a JPEG with those that it loses or truncates.
 
     These are EXIF (which libvips takes apart), density, comments, Photoshop's resources in several segments, and the
-    film of a motion photo, along with the names of metadata that no result contains.
+    video of a motion photo, along with the names of metadata that no result contains.
     """
     listed = list(before_the_scan(file, _METADATA))
     jfif = next((content for content in _beginning(listed, APP0, _JFIF) if len(content) >= 12), None)
     prefix = chunks.RESOURCES_PREFIX  # of each segment; a block may be split between two
     resources = [part.removeprefix(prefix) for part in _beginning(listed, APP13, prefix)]
     left_behind = [name for marker, content in listed if (name := _lost(marker, content, metadata.xmp))]
-    film = appended_film(file, xmp.film_bytes(metadata.xmp))
-    if film is not None:
-        left_behind += film.left_behind
+    video = appended_video(file, xmp.video_bytes(metadata.xmp))
+    if video is not None:
+        left_behind += video.left_behind
     for start, name in ((EXIF_PREFIX, "a second EXIF"), (_XMP, "a second XMP")):
         if len(_beginning(listed, APP1, start)) > 1:
             left_behind.append(name)
     has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which are named elsewhere
-    if not has_pictures and bytes_behind(file) > (film.taken_from if film else 0):
+    if not has_pictures and bytes_behind(file) > (video.taken_from if video else 0):
         left_behind.append("data behind the picture")
     return replace(
         metadata,
@@ -165,7 +165,7 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
         density=None if jfif is None else struct.unpack_from(">BHH", jfif, 7),
         resources=prefix + b"".join(resources) if resources else None,
         comments=tuple(content for marker, content in listed if marker == COMMENT),
-        film=film,
+        video=video,
         left_behind=tuple(dict.fromkeys(left_behind)),
     )
 

@@ -17,7 +17,7 @@ from unshutter.options import PictureFormat
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif
 from unshutter.photo.directories import EXIF_PREFIX
-from unshutter.photo.film import AppendedFilm
+from unshutter.photo.embedded_video import AppendedVideo
 from unshutter.photo.libvips import Source, computed, field, libvips, refusing, set_blob
 
 if TYPE_CHECKING:
@@ -56,7 +56,9 @@ class Metadata:
     # unit (0: none, 1: inch, 2: cm), and pixels per unit across and down, from a JPEG's JFIF header
     density: tuple[int, int, int] | None = None
     comments: tuple[bytes, ...] = ()  # comments of a JPEG
-    film: AppendedFilm | None = None  # film of a motion photo, with all other data that follow the picture in its JPEG
+    video: AppendedVideo | None = (
+        None  # video of a motion photo, with all other data that follow the picture in its JPEG
+    )
     left_behind: tuple[str, ...] = ()  # names of metadata that the reader saw in the file but no writer can copy
 
     def resized(self) -> Metadata:
@@ -99,7 +101,7 @@ class Metadata:
             "description": (["description"], self.description is not None),
             "chunks": (chunks.lost_in_words(self.chunks, self.icc is not None), bool(self.chunks)),
             "comments": (["comment"], bool(self.comments)),
-            "film": (["film"], self.film is not None),
+            "film": (["film"], self.video is not None),
         }
         for attribute, (names, is_there) in named.items():
             if is_there and attribute not in holds:

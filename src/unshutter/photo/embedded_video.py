@@ -1,9 +1,9 @@
-"""The film that belongs to a photo: in its file (Google's and Samsung's phones) or next to it (Apple's).
+"""The video that belongs to a photo: in its file (Google's and Samsung's phones) or next to it (Apple's).
 
-In a HEIC, the film is the content of the box mpvd. In a JPEG, it follows the picture: Google's extends to the end of
+In a HEIC, the video is the content of the box mpvd. In a JPEG, it follows the picture: Google's extends to the end of
 the file. Samsung's is in a trailer: blocks with a number and a name, followed by a directory at the very end with the
 distance from the directory back to the start of each block. Thus the trailer can be moved as a whole, and blocks can
-be left out. A Live Photo and its film hold the same content identifier, the photo in its maker note, the film under a
+be left out. A Live Photo and its video hold the same content identifier, the photo in its maker note, the video under a
 key of QuickTime's metadata.
 
 Source: Google, Motion Photo format 1.0; Apple, Live Photos; for the trailer and the identifiers, ExifTool's description
@@ -19,93 +19,93 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from unshutter.photo import boxes, maker_notes
-from unshutter.photo.xmp import FilmPlace
+from unshutter.photo.xmp import VideoPlace
 
 if TYPE_CHECKING:
     from unshutter.photo.libvips import Source
 
-_FILM = 0x0A30  # number of the block MotionPhoto_Data
-# Blocks that remain valid for new pixels: the film's version, how to play it, when and in which country it was taken.
-_STILL_VALID = (_FILM, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
+_VIDEO = 0x0A30  # number of the block MotionPhoto_Data
+# Blocks that remain valid for new pixels: the video's version, how to play it, when and in which country it was taken.
+_STILL_VALID = (_VIDEO, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
 _HEAD = b"SEFH"
 _FOOT = b"SEFT"
 _LONGEST_DIRECTORY = 1 << 16  # bytes
 _LONGEST_NAME = 100
 _BOX = b"mpvd"  # in a HEIC
-_LONGEST_FILM = 1 << 28  # bytes
+_MAX_VIDEO_BYTES = 1 << 28  # bytes
 _MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
 
 
-_SUFFIXES = (".mov", ".MOV", ".Mov")  # of a film next to its photo
+_SUFFIXES = (".mov", ".MOV", ".Mov")  # of a video next to its photo
 
 
-class PhotoFilm(NamedTuple):
-    """A film that belongs to a photo."""
+class EmbeddedVideo(NamedTuple):
+    """A video that belongs to a photo."""
 
     place: bytes | Path  # an MP4 file in memory, or the path of a QuickTime file
-    moment_s: float | None = None  # time at which the photo was taken, in the film's time [s]; None: unknown
-    identifier: str = ""  # content identifier that the film must have; empty: any
+    moment_s: float | None = None  # time at which the photo was taken, in the video's time [s]; None: unknown
+    identifier: str = ""  # content identifier that the video must have; empty: any
 
 
-def film_of(
-    source: Source | None, format: str, appended: AppendedFilm | None, xmp: bytes | None, exif: bytes | None
-) -> PhotoFilm | None:
-    """Finds the film that belongs to a photo; returns None if there is none.
+def embedded_video(
+    source: Source | None, format: str, appended: AppendedVideo | None, xmp: bytes | None, exif: bytes | None
+) -> EmbeddedVideo | None:
+    """Finds the video that belongs to a photo; returns None if there is none.
 
-    Without a source, the photo has new pixels; ``appended`` is the film that follows the picture.
+    Without a source, the photo has new pixels; ``appended`` is the video that follows the picture.
     """
     inside = appended and appended.content
     if source is not None and format == "heic":
-        inside = _film_in_boxes(source)
+        inside = _video_in_boxes(source)
     if inside is not None:
         moment = re.search(_MOMENT, xmp or b"")
-        return PhotoFilm(inside, int(moment[1]) / 1e6 if moment else None)
-    others = films_beside(source.opened.path) if source is not None and source.opened is not None else []
+        return EmbeddedVideo(inside, int(moment[1]) / 1e6 if moment else None)
+    others = videos_beside(source.opened.path) if source is not None and source.opened is not None else []
     place = next((other for other in others if other.is_file()), None)
     identifier = maker_notes.apple(exif).text(maker_notes.APPLE_CONTENT_IDENTIFIER) if place is not None else ""
-    return PhotoFilm(place, None, identifier) if place is not None and identifier else None
+    return EmbeddedVideo(place, None, identifier) if place is not None and identifier else None
 
 
-def films_beside(photo: Path) -> list[Path]:
-    """Returns the names that a film next to a photo may have."""
+def videos_beside(photo: Path) -> list[Path]:
+    """Returns the names that a video next to a photo may have."""
     return [photo.with_suffix(suffix) for suffix in _SUFFIXES if photo.name]
 
 
-def _film_in_boxes(source: Source) -> bytes | None:
+def _video_in_boxes(source: Source) -> bytes | None:
     with source.stream() as file:
         for name, start, end in boxes.top_level_extents(file):
-            if name == _BOX and end - start <= _LONGEST_FILM:
+            if name == _BOX and end - start <= _MAX_VIDEO_BYTES:
                 file.seek(start)
                 data = file.read(end - start)
-                return data if _is_film(data) else None
+                return data if _is_video(data) else None
     return None
 
 
-def _is_film(data: bytes) -> bool:
+def _is_video(data: bytes) -> bool:
     return data[4:8] == b"ftyp"
 
 
-# ---- films that follow the picture of a JPEG -----------------------------------------------------------
+# ---- videos that follow the picture of a JPEG -----------------------------------------------------------
 
 
-class AppendedFilm(NamedTuple):
-    """A motion photo's film, and the data around it."""
+class AppendedVideo(NamedTuple):
+    """A motion photo's video, and the data around it."""
 
     data: bytes  # everything that follows the picture
-    at: int  # start of the film in these data
-    length: int  # length of the film [bytes]
+    at: int  # start of the video in these data
+    length: int  # length of the video [bytes]
     taken_from: int  # number of bytes at the end of the old file that these data come from
     left_behind: tuple[str, ...] = ()  # names of blocks that were valid only for the old pixels
 
     @property
     def content(self) -> bytes:
-        """The film's own data."""
+        """The video's own data."""
         return self.data[self.at : self.at + self.length]
 
     @property
-    def place(self) -> FilmPlace:
-        """The position of the film."""
-        return FilmPlace(self.at, self.length, len(self.data) - self.at)
+    def place(self) -> VideoPlace:
+        """The position of the video."""
+        return VideoPlace(self.at, self.length, len(self.data) - self.at)
 
 
 class _Block(NamedTuple):
@@ -123,30 +123,30 @@ class _Block(NamedTuple):
         return 8 + int.from_bytes(self.data[4:8], "little")
 
 
-def appended_film(file: BinaryIO, film_bytes: int | None) -> AppendedFilm | None:
-    """Finds the film of a JPEG, at the end of the file if XMP states its length; returns None if there is none."""
+def appended_video(file: BinaryIO, video_bytes: int | None) -> AppendedVideo | None:
+    """Finds the video of a JPEG, at the end of the file if XMP states its length; returns None if there is none."""
     in_trailer = _in_trailer(file)
     if in_trailer is not None:
         return in_trailer
-    if not film_bytes or film_bytes >= file.seek(0, io.SEEK_END):
+    if not video_bytes or video_bytes >= file.seek(0, io.SEEK_END):
         return None
-    file.seek(-film_bytes, io.SEEK_END)
-    data = file.read(film_bytes)
-    return AppendedFilm(data, 0, film_bytes, film_bytes) if _is_film(data) else None
+    file.seek(-video_bytes, io.SEEK_END)
+    data = file.read(video_bytes)
+    return AppendedVideo(data, 0, video_bytes, video_bytes) if _is_video(data) else None
 
 
-def _in_trailer(file: BinaryIO) -> AppendedFilm | None:
-    """Returns the film from Samsung's trailer, with the blocks that remain valid; None if there is none."""
+def _in_trailer(file: BinaryIO) -> AppendedVideo | None:
+    """Returns the video from Samsung's trailer, with the blocks that remain valid; None if there is none."""
     version, blocks, length = _blocks(file)
-    film = next((block for block in blocks if block.kind == _FILM), None)
-    if film is None or not _is_film(film.data[film.content_at :]):
+    video = next((block for block in blocks if block.kind == _VIDEO), None)
+    if video is None or not _is_video(video.data[video.content_at :]):
         return None
     kept = [block for block in blocks if block.kind in _STILL_VALID]
-    before = sum(len(block.data) for block in kept[: kept.index(film)])
+    before = sum(len(block.data) for block in kept[: kept.index(video)])
     names = (boxes.printable(block.name, _LONGEST_NAME) for block in blocks if block.kind not in _STILL_VALID)
     gone = tuple(f"{name or 'a block'} (Samsung)" for name in names)
-    return AppendedFilm(
-        _trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, length, gone
+    return AppendedVideo(
+        _trailer(version, kept), before + video.content_at, len(video.data) - video.content_at, length, gone
     )
 
 

@@ -1,4 +1,4 @@
-"""Writes films: the new one, whose frames are encoded and everything else copied; and previews of before and after."""
+"""Writes videos: the new one, whose frames are encoded and everything else copied; and previews of before and after."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.pyav import FILM_FORMATS, av
+from unshutter.frames.pyav import VIDEO_FORMATS, av
 from unshutter.options.clip_options import Encode
 from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
 from unshutter.progress import ClipObserver
 from unshutter.storage.files import written_whole
-from unshutter.video.clip_facts import ClipFacts, look
-from unshutter.video.containers import COVER, FilmFile, opened, time_of
+from unshutter.video.clip_facts import ClipFacts, read_clip_facts
+from unshutter.video.containers import COVER, VideoFile, opened, time_of
 from unshutter.video.encoders import REDUCED, Encoder, others_for
 from unshutter.video.pixels import upright
 from unshutter.video.work import Stage, Work
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8
 
 
-_TELLING_S = 2.0  # s of the new film from which its size is predicted
+_TELLING_S = 2.0  # s of the new video from which its size is predicted
 _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
@@ -46,28 +46,28 @@ _USUAL = (".mp4", ".mov", ".mkv")  # file endings of previews, which are offered
 _MP4 = (".mp4", ".mov", ".m4v", ".lrv")
 
 
-class FilmWriter:
-    """Writes a film from two streams: frames, and packets of the clip's other streams, which are merged by time.
+class VideoWriter:
+    """Writes a video from two streams: frames, and packets of the clip's other streams, which are merged by time.
 
     Attributes:
         waiting: packets, in order, that are written before the next later frame. They may be added by another thread.
-        left_out: what the film cannot hold.
-        covers: cover pictures that are not written with the film.
+        left_out: what the video cannot hold.
+        covers: cover pictures that are not written with the video.
 
     Args:
         container: PyAV's, open for writing.
         source: the clip's file, open.
-        ending: file ending of the film, if tags and other streams are copied too; None if not.
+        ending: file ending of the video, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
-        start_s: time in the input that becomes 0 in the new film [s].
-        work: counts encoded frames; its observer receives the bit rates of the clip and of the new film if they differ
+        start_s: time in the input that becomes 0 in the new video [s].
+        work: counts encoded frames; its observer receives the bit rates of the clip and of the new video if they differ
             considerably, once and early.
     """
 
     def __init__(
         self,
         container: Any,
-        source: FilmFile,
+        source: VideoFile,
         clip: ClipFacts,
         encoder: Encoder,
         ending: str | None,
@@ -77,7 +77,7 @@ class FilmWriter:
     ):
         self._container = container
         self._pixel_format = encoder.pixel_format
-        like = source.film
+        like = source.video
         self._stream = encoder.add_to(container, clip, size)
         self._streams: dict[int, Any] = {}
         self.waiting: deque[Packet] = deque()
@@ -105,9 +105,9 @@ class FilmWriter:
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
-    def _add_others(self, source: FilmFile, first: dict[int, bytes], ending: str) -> None:
+    def _add_others(self, source: VideoFile, first: dict[int, bytes], ending: str) -> None:
         for stream in source.container.streams:
-            if stream.index == source.film.index:
+            if stream.index == source.video.index:
                 continue
             packet = first.get(stream.index)
             tags = stream.metadata
@@ -167,7 +167,7 @@ class FilmWriter:
         self._put(self._container.close)
 
     def _add_encoded(self, encoded: Iterable[Packet]) -> None:
-        """Writes the next packets of the film; compares its bit rate with the clip's once it can be predicted."""
+        """Writes the next packets of the video; compares its bit rate with the clip's once it can be predicted."""
         for packet in encoded:
             packet.stream = self._stream
             self._bytes = self._bytes + packet.size
@@ -192,21 +192,21 @@ class FilmWriter:
             raise UnshutterError(f"cannot encode the clip: {cause}") from None
 
 
-def check_endings(film: Path, preview: Path | None) -> None:
-    """Raises UnshutterError if a film cannot have its name, or a preview is neither a picture nor a film."""
-    check_ending(film.suffix)
+def check_endings(video: Path, preview: Path | None) -> None:
+    """Raises UnshutterError if a video cannot have its name, or a preview is neither a picture nor a video."""
+    check_ending(video.suffix)
     if preview is not None and preview.suffix.lower() not in (*_USUAL, *_PREVIEWS):
-        raise UsageError(f"a preview is a picture (.jpg, .png) or a film (.mp4), not {preview.name}")
+        raise UsageError(f"a preview is a picture (.jpg, .png) or a video (.mp4), not {preview.name}")
 
 
 def check_ending(ending: str) -> None:
-    """Raises UnshutterError if no film that is one file has this file ending."""
+    """Raises UnshutterError if no video that is one file has this file ending."""
     if ending.lower() in _PICTURES:
         raise UnshutterError(
-            f"'{ending}' is not a film: write film.mkv, and FFmpeg takes it apart, ffmpeg -i film.mkv out/%05d{ending}"
+            f"'{ending}' is not a video: write video.mkv, and take it apart, ffmpeg -i video.mkv out/%05d{ending}"
         )
-    if ending.lower() not in FILM_FORMATS:
-        problem = f"no film that is one file ends in '{ending}'" if ending else "the name of the film has no ending"
+    if ending.lower() not in VIDEO_FORMATS:
+        problem = f"no video that is one file ends in '{ending}'" if ending else "the name of the video has no ending"
         raise UnshutterError(f"{problem}: use .mp4, .mov or .mkv")
 
 
@@ -224,7 +224,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         options = {"movie_timescale": str(ticks), "movflags": f"use_metadata_tags{early}"}
     file = str(place) if isinstance(place, Path) else place
     try:
-        container = av().open(file, "w", format=FILM_FORMATS[ending.lower()], container_options=options)
+        container = av().open(file, "w", format=VIDEO_FORMATS[ending.lower()], container_options=options)
     except (ValueError, av().error.FFmpegError) as error:
         raise UnshutterError(f"cannot write the clip: {error}") from None
     try:
@@ -235,19 +235,19 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
 
 
 def start_of(clip: ClipFacts, ending: str) -> float:
-    """Returns the time of a clip that becomes 0 in a film of another kind [s], which may hide what is before 0."""
-    if clip.kind in _CLOCKS and clip.kind != FILM_FORMATS[ending]:
+    """Returns the time of a clip that becomes 0 in a video of another kind [s], which may hide what is before 0."""
+    if clip.kind in _CLOCKS and clip.kind != VIDEO_FORMATS[ending]:
         return clip.start_s
     return min(clip.start_s, 0.0) if clip.timing.start < 0 else 0.0
 
 
 def holds_covers(ending: str, clip: ClipFacts) -> bool:
-    """Whether a film of this file ending gets its cover pictures from ``mp4.write_with_covers``."""
+    """Whether a video of this file ending gets its cover pictures from ``mp4.write_with_covers``."""
     return ending.lower() in _MP4 and clip.others.has_covers
 
 
 def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
-    """Returns the encoder as a film of some file ending takes it: with the clip's codec tag if possible.
+    """Returns the encoder as a video of some file ending takes it: with the clip's codec tag if possible.
 
     The error names endings and encoders that were tried and work.
     """
@@ -274,13 +274,13 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     names = f"end the name in {' or '.join(endings)}" if endings else ""
     ways = ", or ".join(filter(None, (names, codec))) or "choose another {--codec}"
     raise UnshutterError(
-        f"cannot write {encoder.name} into {ending} films ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
+        f"cannot write {encoder.name} into {ending} videos ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
         f"{ways}"
     )
 
 
 def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
-    """Whether a film can hold a stream; many formats report late or never what they leave out."""
+    """Whether a video can hold a stream; many formats report late or never what they leave out."""
     file = io.BytesIO()
     try:
         with writing(file, ending) as container:
@@ -307,7 +307,7 @@ def _add_copy(container: Any, path: str, stream: Any) -> Any:
     """Returns a stream of a container that is like another, of the clip's file."""
     sound = stream.codec_context if stream.type == "audio" else None  # None, too, if FFmpeg does not know the codec
     if sound is not None and sound.delay > _PRIMING_S * stream.rate:
-        # FFmpeg 9 calls all sound that an edit list hides priming, and the new film would be silent for as long
+        # FFmpeg 9 calls all sound that an edit list hides priming, and the new video would be silent for as long
         with opened(path, ignore_editlist="1") as source:
             copy = container.add_stream_from_template(source.container.streams[stream.index], opaque=True)
     else:
@@ -352,7 +352,7 @@ def write_preview(
         start_s: time in the original at which the rectified part begins [s]; None if it is the whole clip.
         frames: number of frames in the rectified file.
     """
-    both = zip(before.frames_between(start_s or None), look(after).frames_between(), strict=False)
+    both = zip(before.frames_between(start_s or None), read_clip_facts(after).frames_between(), strict=False)
     pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
     if path.suffix.lower() not in _USUAL:
         moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
