@@ -27,7 +27,7 @@ from unshutter.page.app import application
 from unshutter.page.opened import OpenFile, ProgressFile
 from unshutter.page.settings import Settings, fields, read_clip
 from unshutter.reasons import Code
-from unshutter.video import camera, plan
+from unshutter.video import camera, gain
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 RATIO = {"readout-ratio": "0.6", "focal-px": str(clips.FOCAL)}
@@ -146,7 +146,7 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
         monkeypatch.setattr(module, name, lambda *given: asked.append(name) or real(*given))
 
     counted(camera, "sample_frames")
-    counted(plan, "gain_of_clip")
+    counted(gain, "gain_of_clip")
     clip_jobs.measure_readout_time(stored, RectifyClip())
     clip_jobs.after(stored, RectifyClip(), 2, 320)
     judged = ["sample_frames", "gain_of_clip"]

@@ -172,9 +172,7 @@ class _Still:
     copy: UInt8[np.ndarray, "rows columns"]  # grey copy in the readout frame
     placement: Placement  # placement of that copy in the video's frames
     near: int  # number of the frame in which it was found
-    scan_direction: (
-        ScanDirection  # direction in which the stored photo was read, if the video's rows are those of the sensor
-    )
+    scan_direction: ScanDirection  # of the stored photo, if the video's rows are those of the sensor
     focal_px: float  # focal length [px of the video's copies]
 
     @classmethod

@@ -50,8 +50,8 @@ class Speed:
     def described(self) -> str:
         """The peaks in words: ``turned by up to 12 deg/s, moved by up to 1400 px/s``."""
         peaks = self.summary()
-        rotated = abs(peaks["angular_deg_s"]["peak"])
-        return f"turned by up to {rotated:.0f} deg/s, moved by up to {peaks['velocity_px_s']['peak']:.0f} px/s"
+        deg_s = abs(peaks["angular_deg_s"]["peak"])
+        return f"turned by up to {deg_s:.0f} deg/s, moved by up to {peaks['velocity_px_s']['peak']:.0f} px/s"
 
     def summary(self) -> dict:
         """Returns mean and peak, ready for JSON; all signed except the peak velocity, which is a magnitude."""
@@ -83,7 +83,7 @@ _LARGE = 1 / 12  # of the rows: a motion less than likely with a larger displace
 _SMALLEST = 256  # estimated motions below 1 / this of the rows are within their error
 LEAST_PX = 0.5  # below this, resampling costs more sharpness than the correction gains
 _LEAST_LEAN_DEG = 1.0  # of the camera, from which a photo visibly leans
-_LEAST_ERRORS = 2.5  # of its roll, from which levelling is offered: 102 of 102 views of known roll got better
+_LEAST_ERRORS = 2.5  # of its roll, from which levelling is offered: 102 of 112 views got nearer to level
 _MOVED = {Code.WHICH_WAY, Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.MOVED_OTHERWISE}  # or is said to have
 
 _CAUSES = {
@@ -198,10 +198,10 @@ class Verdict:
         asked = self.upright is not None or self.not_upright is not None or (found.roll and found.roll.stated)
         if self.reason is None or self.reason.code in _MOVED or asked or pose is None or pose.roll_error_deg is None:
             return None
-        rotated = pose.undone_for("level", found.roll, found.tilt)
-        if isinstance(rotated, Reason) or abs(rotated.roll_deg) < _LEAST_ERRORS * pose.roll_error_deg:
+        levelling = pose.undone_for("level", found.roll, found.tilt)
+        if isinstance(levelling, Reason) or abs(levelling.roll_deg) < _LEAST_ERRORS * pose.roll_error_deg:
             return None
-        deg = round(abs(rotated.roll_deg), 1)
+        deg = round(abs(levelling.roll_deg), 1)
         return Angle(deg, error_deg=round(pose.roll_error_deg, 1)) if deg >= _LEAST_LEAN_DEG else None
 
     @property
@@ -250,8 +250,8 @@ class Verdict:
         done = f"points moved {self._how_far}{self._at_confidence}{self._remaining}{look}"
         words = done if self.undoes else self.sentence
         words = f"{words} (by the video inside it)" if self.finding.source is MotionSource.EMBEDDED_VIDEO else words
-        rotated = self.not_upright if self.upright is None else self.upright.described()
-        return f"{rotated}; {words}" if rotated else words
+        upright = self.not_upright if self.upright is None else self.upright.described()
+        return f"{upright}; {words}" if upright else words
 
     def as_json(self) -> JsonObject:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
@@ -339,9 +339,9 @@ def _turn_upright(verdict: Verdict, wish: Upright) -> Verdict:
     pose = found.held if verdict.undoes else found.held_at_rest
     if wish == "level" and pose is not None and not verdict.undoes and found.roll is None:
         pose = pose if pose.roll_error_deg is not None else None  # another roll fits as well
-    rotated = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, found.roll, found.tilt)
-    if isinstance(rotated, Reason):
-        return replace(verdict, not_upright=rotated)
-    if rotated.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
+    upright = Reason(Code.POSE_UNKNOWN) if pose is None else pose.undone_for(wish, found.roll, found.tilt)
+    if isinstance(upright, Reason):
+        return replace(verdict, not_upright=upright)
+    if upright.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
         return verdict
-    return replace(verdict, upright=rotated)
+    return replace(verdict, upright=upright)

@@ -250,11 +250,9 @@ def _rectify_between(
     if frame.edges == "borrow":
         decision = decision._replace(edges="borrow")
     edges = _edges_json(decision, frame.valid.shape, photo.orientation)
-    pixels = (
-        frame.pixels
-        if edges["crop"] is None
-        else _rim_repeated(frame.pixels, frame.valid, decision.window, frame.valid.shape)
-    )
+    pixels = frame.pixels
+    if edges["crop"] is not None:
+        pixels = _rim_repeated(pixels, frame.valid, decision.window, frame.valid.shape)
     return pixels, result | edges
 
 
@@ -409,9 +407,9 @@ def _adjust(finding: Finding, hand: ByHand) -> Finding:
     u = np.linspace(0, 1, motion.height)
     wanted = shape | {name: value for name in shape if (value := getattr(hand, name)) is not None}
     lean = math.tan(math.radians(wanted["lean_deg"])) - math.tan(math.radians(shape["lean_deg"]))
-    bend, rotation = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
+    bend, turn = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
     tx_px = motion.tx_px + motion.height * (lean * u + bend / 100 * 4 * u * (1 - u))
-    rz_rad = motion.rz_rad + math.radians(rotation) * u
+    rz_rad = motion.rz_rad + math.radians(turn) * u
     adjusted = RowMotion(motion.width, tx_px, rz_rad, scan_direction=motion.scan_direction)
     try:
         adjusted.check_unfolded()

@@ -294,8 +294,8 @@ def video_bytes(packet: bytes | None) -> int | None:
 
 def lost(packet: bytes, has_video: bool) -> list[str]:
     """Names additional pictures and videos that the packet describes but the next file lacks."""
-    video = not has_video and video_bytes(packet) is not None
-    return ["gain map"] * has_gain_map(packet) + ["film"] * video
+    loses_video = not has_video and video_bytes(packet) is not None
+    return ["gain map"] * has_gain_map(packet) + ["film"] * loses_video
 
 
 def has_gain_map(packet: bytes | None) -> bool:

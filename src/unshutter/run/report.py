@@ -277,8 +277,8 @@ def exit_code(failed: int, total: int) -> int:
 def about(verdict: Verdict) -> str:
     """Describes the verdict, why a video inside the photo was not used, and what the user can do."""
     unused = verdict.finding.video_unused
-    video = "" if unused is None else f"{unused}: not used"
-    return "; ".join(filter(None, (verdict.described(), video, _advice(verdict))))
+    why_unused = "" if unused is None else f"{unused}: not used"
+    return "; ".join(filter(None, (verdict.described(), why_unused, _advice(verdict))))
 
 
 def _advice(verdict: Verdict) -> str:

@@ -62,8 +62,8 @@ def _longest_line(likelihood: ManhattanLikelihood, roll: float) -> float:
     """Returns the largest share of the picture's width that level segments on one line cover."""
     segments = likelihood.segments
     up = likelihood.known.up
-    rotated = roll + math.atan2(up[0], -up[1])
-    along = np.array([math.cos(rotated), math.sin(rotated)])
+    angle = roll + math.atan2(up[0], -up[1])  # of level lines
+    along = np.array([math.cos(angle), math.sin(angle)])
     across = np.array([-along[1], along[0]])
     way = segments[:, 2:] - segments[:, :2]
     segments = segments[np.abs(way @ across) < _LEVEL * np.hypot(*way.T)]

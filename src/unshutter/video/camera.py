@@ -45,9 +45,7 @@ class ClipCamera:
     readout_time: ReadoutTime
     lens: Lens | None = None  # its lens, if it bends straight lines
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
-    direction: ScanDirection | None = (
-        None  # in which the stored pixels were read, if the frames show another than usual
-    )
+    direction: ScanDirection | None = None  # of the stored pixels, if the frames show another than usual
 
     def complete(self, request: ClipRequest) -> ClipRequest:
         """Returns the request of a clip of this camera: with its lens, and the direction in which it reads."""

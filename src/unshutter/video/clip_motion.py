@@ -174,7 +174,7 @@ def _mixed(scene: int, none: Finding, known: list[_Known]) -> Finding:
         alike = known
     shares = [(found.motion, max(0.0, 1 - apart / _FADED)) for _, found, apart in alike]
     total = max(1.0, sum(share for _, share in shares))
-    rotations = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
-    if not rotations:
+    nearby = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
+    if not nearby:
         return none
-    return Finding(replace(rotations[0][0], rotations=sum(share * motion.rotations for motion, share in rotations)))
+    return Finding(replace(nearby[0][0], rotations=sum(share * motion.rotations for motion, share in nearby)))

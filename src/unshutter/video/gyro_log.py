@@ -217,14 +217,16 @@ def _by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
         raise
     except BaseException:  # panics of its Rust code are not Exceptions
         return None
-    rotations = [(sample["timestamp_ms"], *sample["gyro"]) for sample in samples if sample.get("gyro")]
+    rates = [(sample["timestamp_ms"], *sample["gyro"]) for sample in samples if sample.get("gyro")]
     forces = [(sample["timestamp_ms"], *sample["accl"]) for sample in samples if sample.get("accl")]
-    if not rotations:
+    if not rates:
         return None
-    rotated = np.array(rotations, np.float64)
+    rate = np.array(rates, np.float64)
     force = np.array(forces, np.float64).reshape(-1, 4)
-    rotated[:, 0], force[:, 0], rotated[:, 1:] = rotated[:, 0] / 1000, force[:, 0] / 1000, np.radians(rotated[:, 1:])
-    return _usable(name, rotated, force)
+    rate[:, 0] /= 1000
+    force[:, 0] /= 1000
+    rate[:, 1:] = np.radians(rate[:, 1:])
+    return _usable(name, rate, force)
 
 
 def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:

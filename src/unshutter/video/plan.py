@@ -11,7 +11,6 @@ from unshutter.reasons import Code, Reason
 from unshutter.video import gain
 from unshutter.video.camera import ClipCamera, find_camera
 from unshutter.video.clip import ClipRequest
-from unshutter.video.gain import gain_of_clip, is_tested
 from unshutter.video.motion_file import ClipMotion, load_clip_motion
 from unshutter.video.readout import too_little_to_see
 from unshutter.video.survey import SampledFrames, sample_frames
@@ -81,9 +80,9 @@ def plan_from(request: ClipRequest, camera: ClipCamera, evidence: SampledFrames)
             return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(little_px, 1), 0.1)), frames)
     if time.declined is not None:
         return Leave(time.declined, frames)
-    if time.source is ReadoutSource.GIVEN or not is_tested(options):
+    if time.source is ReadoutSource.GIVEN or not gain.is_tested(options):
         return Undo()
-    reason = gain_of_clip(request, time, camera.gyro and camera.gyro.rotations, evidence).declined()
+    reason = gain.gain_of_clip(request, time, camera.gyro and camera.gyro.rotations, evidence).declined()
     return Undo() if reason is None else Leave(reason, frames)
 
 

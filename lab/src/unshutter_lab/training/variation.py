@@ -151,13 +151,13 @@ class ViewConfig:
 def draw_views(config: ViewConfig, generator: torch.Generator, batch: int, size: int, window: int) -> Tensor:
     """[B, 3, 3] random homographies from positions in pictures of ``size`` px to positions in windows [px]."""
     dice = Dice(generator, batch)
-    rotated = dice.happens(config.share).float()
-    degrees = rotated * math.pi / 180
+    seen_askew = dice.happens(config.share).float()
+    degrees = seen_askew * math.pi / 180
     roll = config.roll * dice.normal() * torch.where(dice.happens(config.askew), 5.0, 1.0) * degrees
     upwards = config.steepest * dice.each()
     tilt = torch.where(dice.happens(config.looking_up), upwards, config.tilt * dice.normal()) * degrees
     yaw = config.yaw * dice.normal().clamp(-2.5, 2.5) * degrees
-    zoom = torch.exp(rotated * math.log(config.zoom) * dice.each())
+    zoom = torch.exp(seen_askew * math.log(config.zoom) * dice.each())
     focal = window * config.focal_rows * torch.exp(config.focal_spread * dice.normal())
     room = (size / 2) * (1 - 1 / zoom)  # a magnified picture may show any part of the original one
     place = torch.stack([room * dice.between(-1, 1), room * dice.between(-1, 1)], -1)

@@ -56,9 +56,7 @@ class Metadata:
     # unit (0: none, 1: inch, 2: cm), and pixels per unit across and down, from a JPEG's JFIF header
     density: tuple[int, int, int] | None = None
     comments: tuple[bytes, ...] = ()  # comments of a JPEG
-    video: AppendedVideo | None = (
-        None  # video of a motion photo, with all other data that follow the picture in its JPEG
-    )
+    video: AppendedVideo | None = None  # of a motion photo, with all other data that follow the picture in its JPEG
     left_behind: tuple[str, ...] = ()  # names of metadata that the reader saw in the file but no writer can copy
 
     def resized(self) -> Metadata:
