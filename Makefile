@@ -73,7 +73,7 @@ types: $(ENV)/dev
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(ENV)/dev  ## fails on a broken link
-	$(BIN)/mkdocs build --strict -q
+	$(BIN)/mkdocs build --strict
 
 layers: $(ENV)/dev  ## fails where a room imports one that it should not know
 	$(BIN)/lint-imports --no-cache --no-logo

@@ -288,8 +288,8 @@ class Motion(ABC):
         """Writes :meth:`to_json` to a file, replacing a motion file of this name.
 
         Raises:
-            UsageError: the name does not end in ``.json``; UnshutterError: the file cannot be written, or is another
-            file than a motion.
+            UsageError: the name does not end in ``.json``.
+            UnshutterError: the file cannot be written, or is another file than a motion.
         """
         motion_file.save(path, self.to_json())
 
