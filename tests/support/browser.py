@@ -78,3 +78,4 @@ def wait_for(page: Page, state: str = "changed", number: int = 1, timeout: float
     item = page.locator(f"#thumbnails li:nth-child({number}) .thumbnail")
     expect(item).to_have_attribute("data-state", re.compile(state), timeout=timeout)
     expect(page.locator("#working")).not_to_contain_text("…", timeout=timeout)
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")  # laid out
