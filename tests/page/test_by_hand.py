@@ -12,8 +12,8 @@ from support.page_server import opened
 from unshutter import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.orientation import Orientation
-from unshutter.page.opened import pixels_of, shares
 from unshutter.page.photo_jobs import _shape
+from unshutter.page.screen import pixels_of, shares
 
 UPRIGHTS = json.dumps([["upright", 0.2, 0.1, 0.2, 0.9], ["upright", 0.8, 0.1, 0.8, 0.9]])
 

@@ -9,7 +9,7 @@ import pytest
 
 from unshutter.orientation import Orientation, ScanDirection
 from unshutter.page import clip_jobs
-from unshutter.page.opened import arrows, corners_of, shares
+from unshutter.page.screen import arrows, corners_of, shares
 
 
 @pytest.mark.parametrize("orientation", list(Orientation))

@@ -18,7 +18,7 @@ NOW, LATER = Urgency.NOW, Urgency.LATER
 
 @pytest.fixture(autouse=True)
 def fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "warm", os.getpid)  # nothing to load
+    monkeypatch.setattr(module.photo_jobs, "warm", os.getpid)  # nothing to load
 
 
 def _with_lanes(test: Callable[[WorkerPool], Awaitable[Any]], **how: Any) -> Any:

@@ -25,9 +25,9 @@ from starlette.types import ASGIApp
 from unshutter import errors
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, shortened, visible
 from unshutter.options.clip_options import RectifyClip
-from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.guard import Guard, Limits
-from unshutter.page.opened import Kind
+from unshutter.page.jobs import clip_jobs, photo_jobs
+from unshutter.page.opened import MOMENTS, Kind, progress_of
 from unshutter.page.saves import Destination, Item, SaveTasks, Saving, photo_result
 from unshutter.page.sentences import OTHER_NEIGHBOURS, advice, reason_json
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, refusal
@@ -245,7 +245,7 @@ async def _readout(request: Request) -> Response:
 
 async def _progress(request: Request) -> Response:
     """How far the search for the readout time is, or the video; ``{}`` before either begins."""
-    return JSONResponse(clip_jobs.progress_of(_open_file(request)).read() or {})
+    return JSONResponse(progress_of(_open_file(request)).read() or {})
 
 
 # ---- saving ----------------------------------------------------------------------------------------------------
@@ -384,8 +384,8 @@ def _fields(request: Request) -> dict[str, str]:
 
 def _moment(request: Request) -> int:
     text = request.query_params.get("moment", "0")
-    if not (text.isdecimal() and len(text) == 1 and int(text) < clip_jobs.MOMENTS):
-        raise UsageError(f"'moment' takes 0 to {clip_jobs.MOMENTS - 1}, got '{shortened(text)}'")
+    if not (text.isdecimal() and len(text) == 1 and int(text) < MOMENTS):
+        raise UsageError(f"'moment' takes 0 to {MOMENTS - 1}, got '{shortened(text)}'")
     return int(text)
 
 

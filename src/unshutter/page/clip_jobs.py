@@ -14,7 +14,18 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import ClipUndo, RectifyClip, Steadiness
-from unshutter.page.opened import OpenFile, ProgressFile, as_jpeg, errors_of, hash_options, put, put_text, remembered
+from unshutter.page.opened import (
+    MOMENTS,
+    OpenFile,
+    ProgressFile,
+    errors_of,
+    hash_options,
+    progress_of,
+    put,
+    put_text,
+    remembered,
+)
+from unshutter.page.screen import as_jpeg
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.reasons import Code, JsonObject, Reason
 
@@ -30,7 +41,6 @@ if TYPE_CHECKING:
     from unshutter.video.plan import Plan
     from unshutter.video.survey import SampledFrames
 
-MOMENTS = 5  # number of moments of a clip that are shown
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
 _EXCERPT_S = 8.0  # longest video
 _EXCERPT_FRAMES = 480
@@ -143,11 +153,6 @@ def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
 
     with errors_of(open_file):
         yield read_clip_facts(open_file.path)
-
-
-def progress_of(open_file: OpenFile) -> ProgressFile:
-    """Returns the file that says how far the search for the readout time, or the video, is."""
-    return ProgressFile(open_file.path.with_name("progress.json"))
 
 
 def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, SampledFrames, float | None]:

@@ -1,7 +1,4 @@
-"""Open files as jobs see them: small upright copies for the screen, positions in them, progress and errors.
-
-Positions for the page are shares of the upright picture's width and height, with (0, 0) at the top left corner.
-"""
+"""Open photos and clips: their files, the cache beside each, the progress of a job, and errors that name them."""
 
 from __future__ import annotations
 
@@ -15,30 +12,18 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from typing import Literal, TypeAlias, TypeVar
 
 from unshutter.errors import errors_in_one_line
 from unshutter.options import Neighbours
-from unshutter.orientation import Orientation, ScanDirection
-from unshutter.photo import Photo
-from unshutter.photo.libvips import as_image, refusing
-from unshutter.photo.photo import open_photo
 from unshutter.progress import ClipObserver
 from unshutter.reasons import JsonObject
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike
 
 T = TypeVar("T")
 Kind: TypeAlias = Literal["photo", "clip"]
 
+MOMENTS = 5  # number of moments of a clip that are shown
 _NOTE_S = 0.2  # between progress updates
-_QUALITY = 88  # of JPEGs for the screen
-
-# readout directions in the stored picture as (right, down), by quarter turns; names of those in the upright picture
-_READ = ((0, 1), (-1, 0), (0, -1), (1, 0))
-_ARROWS = {(0, 1): "down", (0, -1): "up", (1, 0): "right", (-1, 0): "left"}
 
 
 @dataclass(frozen=True)
@@ -84,9 +69,9 @@ class ProgressFile(ClipObserver):
             put_text(self.file, json.dumps(self._now))
 
 
-def opened(open_file: OpenFile) -> Photo:
-    """Opens the photo without decoding its pixels."""
-    return open_photo(open_file.path, open_file.max_pixels)
+def progress_of(open_file: OpenFile) -> ProgressFile:
+    """Returns the file that holds the progress of the search for a clip's readout time, or of its video."""
+    return ProgressFile(open_file.path.with_name("progress.json"))
 
 
 def hash_options(*values: object) -> str:
@@ -136,63 +121,3 @@ def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> I
 def neighbour_names(neighbours: Neighbours) -> dict[Path, str]:
     """Maps the paths of a photo's neighbours to their name in messages."""
     return dict.fromkeys(filter(None, (neighbours.before, neighbours.after)), "its neighbour")
-
-
-# ---- copies for the screen, and positions in them --------------------------------------------------------------
-
-
-def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.ndarray:
-    """Returns a copy of the stored pixels whose longer side is at most ``longest`` px, and caches it unless None."""
-    import numpy as np
-
-    if longest is None:
-        return photo.screen_copy()
-    file = open_file.path.with_name(f"copy-{longest}.npy")
-    if file.exists():
-        return np.load(file, mmap_mode="r")
-    pixels = photo.screen_copy(longest)
-    put(file, lambda part: np.save(part, pixels))
-    return pixels
-
-
-def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
-    """Encodes stored pixels as an upright JPEG for the screen."""
-    with refusing("cannot encode the copy for the screen"):
-        return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
-
-
-def shares(col: ArrayLike, row: ArrayLike, size: tuple[int, int], orientation: int) -> np.ndarray:
-    """Converts stored positions ([N] each, pixel centres at whole numbers) to [N, 2] shares of the upright picture.
-
-    ``size`` is width and height of the stored picture [px].
-    """
-    import numpy as np
-
-    across = (np.asarray(col) + 0.5) / size[0]
-    down = (np.asarray(row) + 0.5) / size[1]
-    return np.stack(Orientation(orientation).upright_point(across, down), axis=-1)
-
-
-def pixels_of(across: ArrayLike, down: ArrayLike, size: tuple[int, int], orientation: int) -> np.ndarray:
-    """Converts shares ([N] each) of the upright picture to [N, 2] stored positions; inverts :func:`shares`."""
-    import numpy as np
-
-    across, down = Orientation(orientation).stored_point(np.asarray(across), np.asarray(down))
-    return np.stack([across * size[0] - 0.5, down * size[1] - 0.5], axis=-1)
-
-
-def corners_of(window: tuple[float, float, float, float], orientation: int) -> list[float]:
-    """Converts a window (left, top, right, bottom) from shares of the stored picture to shares of the upright one."""
-    import numpy as np
-
-    left, top, right, bottom = window
-    across, down = Orientation(orientation).upright_point(np.array([left, right]), np.array([top, bottom]))
-    return [float(across.min()), float(down.min()), float(across.max()), float(down.max())]
-
-
-def arrows(orientation: int) -> dict[str, str]:
-    """Maps each readout direction to its direction in the upright picture: up, down, left or right."""
-    upright = Orientation(orientation).upright_direction
-    return {
-        str(scan_direction): _ARROWS[upright(*_READ[scan_direction.quarter_turns])] for scan_direction in ScanDirection
-    }

@@ -11,43 +11,35 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from unshutter.api import motion_of_lines
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.find import find as find_motion
+from unshutter.frames.sequence_rectification import rectify_between, with_ratio
+from unshutter.motion import Motion, RowMotion
+from unshutter.motion.edges import EdgeDecision, EdgePolicy, valid_window
+from unshutter.motion.finding import Candidate, Finding
+from unshutter.motion.grid import Tile, rs_to_gs_map
+from unshutter.motion.verdict import Certainty, Verdict, judge
+from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import LEAST_GOOD_CROP, DecisionOptions, Find, Rectify, Undo
 from unshutter.orientation import Orientation
-from unshutter.page.opened import (
-    OpenFile,
-    arrows,
-    as_jpeg,
-    corners_of,
-    errors_of,
-    kept,
-    neighbour_names,
-    opened,
-    pixels_of,
-    shares,
-    small_copy,
-)
+from unshutter.page.opened import OpenFile, errors_of, kept, neighbour_names
+from unshutter.page.screen import arrows, as_jpeg, corners_of, opened, pixels_of, shares, small_copy
 from unshutter.page.sentences import reason_json, verdict_json
 from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import JsonObject, MotionSource, rounded
+from unshutter.run.bursts import look_like_bursts
 from unshutter.run.work import Job, finish_job, sequence_options
+from unshutter.single.drawn_lines import DrawnLine
+from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
 from unshutter.single.register import load
 from unshutter.storage.targets import Target, TargetKind
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from unshutter.motion import Motion
-    from unshutter.motion.edges import EdgeDecision
-    from unshutter.motion.finding import Finding
-    from unshutter.motion.grid import Tile
-    from unshutter.motion.verdict import Verdict
-    from unshutter.single.drawn_lines import DrawnLine
 
 _CURVE_POINTS = 41
 _RIM = 2  # px around a crop that a browser may blend with those in it
@@ -57,9 +49,6 @@ NAME = "by-hand"  # recorded as the estimator of motions set by hand
 
 def warm() -> int:
     """Preloads what the first photo would otherwise have to wait for, and returns the process id."""
-    import unshutter.api
-    import unshutter.motion.warp  # noqa: F401
-
     libvips()
     load().prepare()
     return os.getpid()
@@ -91,8 +80,6 @@ def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: Pho
 
 def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
     """Lists the motions that fit a photo as JSON, in the order of option ``candidate``; ``taken``: the default."""
-    from unshutter.motion.verdict import Certainty, judge
-
     find = options.rectify.find
     find = replace(find, candidate=None, decision=DecisionOptions())
     with errors_of(open_file):
@@ -115,12 +102,6 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
 
 def segments(open_file: OpenFile, options: PhotoOptions) -> JsonObject:
     """Returns the line segments that estimators use, before and after, as shares of the upright photo's size."""
-    import numpy as np
-
-    from unshutter.motion.grid import rs_to_gs_map
-    from unshutter.motion.verdict import judge
-    from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
-
     with errors_of(open_file, neighbour_names(options.neighbours)):
         photo = opened(open_file)
         grey = photo.grey(SHORT_SIDE)
@@ -139,8 +120,6 @@ def segments(open_file: OpenFile, options: PhotoOptions) -> JsonObject:
 
 def bursts(open_files: Sequence[OpenFile]) -> list[list[str]]:
     """Returns the ids of photos that look like bursts, each burst in the order in which it was taken."""
-    from unshutter.run.bursts import look_like_bursts
-
     ids = {each.path: each.id for each in open_files}
     most = max((each.max_pixels for each in open_files), default=0)
     return [[ids[place] for place in burst] for burst in look_like_bursts(list(ids), most)]
@@ -186,9 +165,6 @@ def _rectify_alone(
     photo: Photo, pixels: np.ndarray, finding: Finding, undo: Undo, draft: bool
 ) -> tuple[np.ndarray, JsonObject]:
     """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
-    from unshutter.motion.verdict import judge
-    from unshutter.motion.warp import edge_decision, straighten, validity_mask
-
     height, width = pixels.shape[:2]
     verdict = judge(finding.fit(height, width) if draft else finding, undo)
     if draft:
@@ -212,9 +188,6 @@ def _rectify_between(
     open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
 ) -> tuple[np.ndarray, JsonObject]:
     """Rectifies a small copy of the photo, using small copies of its neighbours."""
-    from unshutter.frames.sequence_rectification import rectify_between, with_ratio
-    from unshutter.motion.edges import EdgePolicy, valid_window
-
     frames = options.neighbours
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal_px = options.find.camera.focal_px or photo.focal_px()
@@ -266,7 +239,6 @@ def _rim_repeated(pixels: np.ndarray, seen: np.ndarray, window: Tile, size: tupl
         seen: bool [H, W], the pixels that the photo or its neighbours show.
         window: in the photo, of ``size`` height and width [px].
     """
-    import numpy as np
 
     def along(first: int, last: int, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns the places in and near the window, and for each the nearest one whose pixel lies in it entirely."""
@@ -285,8 +257,6 @@ def _rim_repeated(pixels: np.ndarray, seen: np.ndarray, window: Tile, size: tupl
 
 def _finding_json(verdict: Verdict) -> JsonObject:
     """Returns the curves of the motion that was found at a few rows, and what is known of the camera."""
-    import numpy as np
-
     found = verdict.finding
     motion = found.motion
     roll_deg, tilt_deg = (None if angle is None else angle.deg for angle in (found.roll, found.tilt))
@@ -349,9 +319,6 @@ def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rect
 
 def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
     """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
-    from unshutter.frames.find import find as find_motion
-    from unshutter.motion.finding import Candidate, Finding
-
     alone = replace(find, candidate=None)  # whichever candidate is chosen
 
     def list_candidates() -> list[JsonObject]:
@@ -368,8 +335,6 @@ def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
 
 def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Finding, list[str | None]]:
     """Returns the motion that straightens drawn lines and the trouble with each line, cached for the numbers."""
-    from unshutter.api import motion_of_lines
-    from unshutter.motion.finding import Finding
 
     def straighten() -> JsonObject:
         found = motion_of_lines(photo, _lines(text, photo), find.camera)
@@ -380,7 +345,6 @@ def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) 
 
 
 def _lines(text: str, photo: Photo) -> list[DrawnLine]:
-    from unshutter.single.drawn_lines import DrawnLine
 
     try:
         listed = [(kind, [float(share) for share in positions]) for kind, *positions in json.loads(text)]
@@ -397,11 +361,6 @@ def _lines(text: str, photo: Photo) -> list[DrawnLine]:
 
 def _adjust(finding: Finding, hand: ByHand) -> Finding:
     """Returns a motion set by hand: the one that was found, changed by the numbers."""
-    import numpy as np
-
-    from unshutter.motion import RowMotion
-    from unshutter.motion.finding import Finding
-
     motion = finding.motion
     shape = _shape(motion)
     u = np.linspace(0, 1, motion.height)

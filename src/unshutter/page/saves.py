@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options.clip_options import RectifyClip
-from unshutter.page import clip_jobs, photo_jobs
+from unshutter.page.jobs import clip_jobs, photo_jobs
 from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions, refusal
 from unshutter.page.store import Busy, Missing, OpenFile, ServerState, Urgency

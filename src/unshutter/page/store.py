@@ -29,8 +29,8 @@ from typing import TypeVar
 
 from unshutter import version
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.page.jobs import photo_jobs
 from unshutter.page.opened import Kind, OpenFile
-from unshutter.page.photo_jobs import warm
 from unshutter.page.settings import Settings
 from unshutter.photo.formats import of_suffix
 from unshutter.run.loop import Workers
@@ -243,7 +243,7 @@ class _Worker:
                     raise UnshutterError(
                         "unshutter was updated while the page ran: stop it with Ctrl-C, start it again"
                     )
-                self._pid = await asyncio.wrap_future(self._workers.executor.submit(warm))
+                self._pid = await asyncio.wrap_future(self._workers.executor.submit(photo_jobs.warm))
             future = self._workers.executor.submit(work, *arguments)
             return await asyncio.wrap_future(future)
         except BrokenExecutor:
