@@ -10,7 +10,7 @@ import pytest
 import unshutter
 from support.covering import covering
 from support.drawn_photos import one_line, textured
-from unshutter import Motion, RowMotion, ScanDirection, UnshutterError, UsageError, errors
+from unshutter import Motion, RowMotion, ScanDirection, UnshutterError, UsageError, version
 from unshutter.cli import main
 from unshutter.export import PixelMap, map_file
 from unshutter.motion.warp import validity_mask
@@ -226,7 +226,7 @@ def test_exr_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(__import__("sys").modules, "OpenEXR", None)
     with pytest.raises(UnshutterError) as error:
         map_file(stored(tmp_path, shake()), tmp_path / "m.exr")
-    assert errors.extra("exr") in one_line(error)
+    assert version.extra("exr") in one_line(error)
     assert not (tmp_path / "m.exr").exists()
 
 

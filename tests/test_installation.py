@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from unshutter import errors
+from unshutter import version
 
 
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The module as it lies in an environment: no sources around it."""
-    home = tmp_path / "site-packages" / "unshutter" / "installation.py"
-    monkeypatch.setattr(errors, "__file__", str(home))
+    home = tmp_path / "site-packages" / "unshutter" / "version.py"
+    monkeypatch.setattr(version, "__file__", str(home))
     return tmp_path
 
 
@@ -22,9 +22,9 @@ def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     sources = tmp_path / "my sources"
     (sources / "src" / "unshutter").mkdir(parents=True)
     (sources / "pyproject.toml").touch()
-    monkeypatch.setattr(errors, "__file__", str(sources / "src" / "unshutter" / "installation.py"))
-    assert shlex.split(errors.extra("web")) == ["pip", "install", f"{sources}[web]"]
-    assert shlex.split(errors.lab()) == ["pip", "install", f"{sources}/lab"]
+    monkeypatch.setattr(version, "__file__", str(sources / "src" / "unshutter" / "version.py"))
+    assert shlex.split(version.extra("web")) == ["pip", "install", f"{sources}[web]"]
+    assert shlex.split(version.lab()) == ["pip", "install", f"{sources}/lab"]
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -42,7 +42,7 @@ def test_a_folder_that_was_installed_is_named_while_it_is_there(
 
     monkeypatch.setattr(importlib.metadata, "distribution", lambda name: Installed())
     words = [f"{folder}[heic]" if there else "unshutter[heic]"]
-    assert shlex.split(errors.extra("heic")) == ["pip", "install", *words]
+    assert shlex.split(version.extra("heic")) == ["pip", "install", *words]
 
 
 def test_an_index_has_it_by_name(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,5 +51,5 @@ def test_an_index_has_it_by_name(elsewhere: Path, monkeypatch: pytest.MonkeyPatc
             return None
 
     monkeypatch.setattr(importlib.metadata, "distribution", lambda name: Installed())
-    assert errors.extra("web") == "pip install 'unshutter[web]'"
-    assert errors.lab() == "pip install unshutter-lab"
+    assert version.extra("web") == "pip install 'unshutter[web]'"
+    assert version.lab() == "pip install unshutter-lab"

@@ -19,7 +19,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.find import find as find_motion
 from unshutter.motion import Motion
@@ -162,7 +162,7 @@ def _openexr():
     try:
         import OpenEXR
     except ImportError:
-        raise UnshutterError(f"EXR files need the extra: {errors.extra('exr')} (or write .tif)") from None
+        raise UnshutterError(f"EXR files need the extra: {version.extra('exr')} (or write .tif)") from None
     return OpenEXR
 
 
@@ -390,7 +390,7 @@ def _figure(width: float) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise UnshutterError(f"plots need the extra: {errors.extra('plot')}") from None
+        raise UnshutterError(f"plots need the extra: {version.extra('plot')}") from None
     return Figure(figsize=(width, 4), layout="constrained")
 
 

@@ -246,7 +246,7 @@ def test_unknown_kinds(make, kind) -> None:
 
 def test_a_motion_of_another_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     data = json.loads(rows().to_json()) | {"kind": "elsewhere", "estimator": "kandula2020-research"}
-    monkeypatch.setattr("unshutter.errors.plugins", lambda group: EntryPoints())
+    monkeypatch.setattr("unshutter.version.plugins", lambda group: EntryPoints())
     with pytest.raises(UnshutterError, match=r"of the method that found it \(kandula2020-research; pip install"):
         Motion.from_json(json.dumps(data))
 

@@ -16,7 +16,7 @@ from support import clips
 from support.covering import thorough
 from support.hand_held import hand, pan
 from support.page_server import TOKEN, Asking, becomes, desk, events, served, temporary_folders
-from unshutter import errors
+from unshutter import version
 from unshutter.cli import main
 from unshutter.cli.arguments import parse
 from unshutter.cli.clip_command import VIDEO
@@ -372,7 +372,7 @@ def test_too_large_and_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> Non
         client = Asking(application(one, TOKEN, 80))
         _refused(client.post("/api/clips", content=bytes(4_000_000), headers=KNOWN), 413, "more than 2 MB")
         monkeypatch.setattr(app, "_clips_can_be_opened", lambda: False)
-        _refused(client.post("/api/clips", content=b"x", headers=KNOWN), 422, errors.extra("video"))
+        _refused(client.post("/api/clips", content=b"x", headers=KNOWN), 422, version.extra("video"))
         assert client.get("/api/about", headers=KNOWN).json()["clips"] is False
         assert not list(one.store.folder.glob("*/clip*"))
 

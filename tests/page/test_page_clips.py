@@ -13,7 +13,7 @@ import unshutter
 from support import clips
 from support.browser import drop, wait_for
 from support.page_server import Server, becomes, run_command
-from unshutter import errors
+from unshutter import version
 
 GREYS = clips.moving(24)[1]
 FOUND_MS = 60_000  # a readout time may take so long to be found while others work
@@ -187,7 +187,7 @@ def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
     page.goto(server.link)
     page.wait_for_load_state("networkidle")
     drop(page, walk)
-    expect(page.locator("#notice")).to_contain_text(errors.extra("video"))  # from where this one was installed
+    expect(page.locator("#notice")).to_contain_text(version.extra("video"))  # from where this one was installed
     expect(page.locator("#empty")).to_be_visible()
 
 

@@ -15,7 +15,7 @@ from support.drawn_photos import encoded
 from support.tagged_files import (
     exif_blob,
 )
-from unshutter import RowMotion, errors
+from unshutter import RowMotion, version
 from unshutter.cli import main
 from unshutter.photo import Photo
 
@@ -87,8 +87,8 @@ def test_without_the_extras_each_such_file_fails_with_their_names_and_the_batch_
     pictures = sorted(p.name for p in out.iterdir() if p.suffix != ".jsonl")
     assert pictures == ["a.rectified.jpg", "b.rectified.jpg"]
     said = capsys.readouterr().err
-    assert f"{folder}/a.DNG is a camera's raw file: to read it, {errors.extra('raw')}" in said
-    assert f"{folder}/b.HEIC is a HEIC photo: to read it, {errors.extra('heic')}" in said
+    assert f"{folder}/a.DNG is a camera's raw file: to read it, {version.extra('raw')}" in said
+    assert f"{folder}/b.HEIC is a HEIC photo: to read it, {version.extra('heic')}" in said
     assert "Traceback" not in said
     end = json.loads(log.read_text().splitlines()[-1])
     assert (end["event"], end["failed"], end["done"]) == ("end", 2, 2)

@@ -150,7 +150,7 @@ def test_wrong_names_are_told_in_one_line(name: str, told: str) -> None:
     ],
 )
 def test_a_method_of_the_laboratory_says_what_to_install(name: str, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("unshutter.errors.plugins", lambda group: EntryPoints())
+    monkeypatch.setattr("unshutter.version.plugins", lambda group: EntryPoints())
     with pytest.raises(UsageError, match=told):
         load(name)
 

@@ -11,7 +11,7 @@ from threading import Barrier
 import numpy as np
 import pytest
 
-from unshutter import UnshutterError, errors
+from unshutter import UnshutterError, version
 from unshutter.cli import main
 from unshutter.single.network import SegmentNetwork, Weights, gelu, read_weights, write_weights
 from unshutter.single.register import method
@@ -143,7 +143,7 @@ def test_an_onnx_file_says_what_to_do(tmp_path: Path, photo: Path, capsys: pytes
     (tmp_path / "model.onnx").write_bytes(b"any")
     assert main(["estimate", str(photo), "--estimator", f"segment-transformer@{tmp_path / 'model.onnx'}"]) == 1
     message = capsys.readouterr().err
-    assert message.count("\n") == 1 and "needs an .npz file" in message and errors.lab("train") in message
+    assert message.count("\n") == 1 and "needs an .npz file" in message and version.lab("train") in message
 
 
 def test_incomplete_weights_are_not_written(weights: Weights, tmp_path: Path) -> None:

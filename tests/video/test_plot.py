@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from support import clips
-from unshutter import errors
+from unshutter import version
 from unshutter.cli import main
 from unshutter.photo import Photo
 from unshutter.video import outcome
@@ -50,7 +50,7 @@ def test_it_shows_how_the_camera_turned(clip, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("plot", "missing", "code", "complaint"),
-    [("turns.docx", False, 2, "not turns.docx"), ("turns.png", True, 1, errors.extra("plot"))],
+    [("turns.docx", False, 2, "not turns.docx"), ("turns.png", True, 1, version.extra("plot"))],
 )
 def test_a_plot_that_cannot_be_written_is_refused_before_any_work(
     clip, tmp_path, monkeypatch, capsys, plot, missing, code, complaint

@@ -6,7 +6,7 @@ from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from unshutter import errors
+from unshutter import version
 from unshutter.cli.arguments import Command
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import option
@@ -194,7 +194,7 @@ def run_train(arguments: TrainArguments) -> int:
     try:
         from unshutter_lab.training import train
     except ImportError as error:
-        raise UnshutterError(f"training needs the extra: {errors.lab('train')} ({error})") from None
+        raise UnshutterError(f"training needs the extra: {version.lab('train')} ({error})") from None
     folder = train.run(**vars(arguments))
     model = next(folder / name for name in train.MODELS if (folder / name).exists())
     print(f"model: {model}, its log: {folder / train.LOG}")

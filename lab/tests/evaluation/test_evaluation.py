@@ -10,7 +10,7 @@ import pytest
 from support.covering import thorough
 from support.evaluations import one_line, rows_of, run, sequence
 from support.installed import install
-from unshutter import errors
+from unshutter import version
 from unshutter.cli import main
 
 # ---- what a run leaves --------------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ def test_a_missing_extra_is_reported_before_the_work(
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
     assert run(photos, tmp_path / "out", estimators="none") == 1
-    assert errors.extra("plot") in one_line(capsys)
+    assert version.extra("plot") in one_line(capsys)
     assert not (tmp_path / "out").exists()
 
 

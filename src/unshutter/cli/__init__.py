@@ -17,7 +17,7 @@ from pathlib import PurePath
 from types import FrameType
 from typing import NoReturn
 
-from unshutter import errors
+from unshutter import version
 from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.progress import tell
@@ -176,20 +176,20 @@ def command_named(name: str) -> Command:
     if name in COMMANDS:
         module, _, variable = COMMANDS[name].partition(":")
         return getattr(import_module(f"unshutter.cli.{module}"), variable)
-    for entry in errors.plugins(_GROUP).select(name=name):
+    for entry in version.plugins(_GROUP).select(name=name):
         return entry.load()
     if name.startswith("-"):
         raise UsageError(
             f"options come after the command: unshutter rectify PHOTO {shortened(name)} ... (see unshutter --help)"
         )
-    guess = errors.choices(name, summaries(), _GROUP)
+    guess = version.choices(name, summaries(), _GROUP)
     raise UsageError(f"unknown command '{shortened(name)}': {guess} (see unshutter --help)")
 
 
 def summaries() -> dict[str, str]:
     """Returns the summaries of all commands by name, those of other installed packages last."""
     own = {name: command_named(name).summary for name in COMMANDS}
-    others = {entry.name: entry for entry in errors.plugins(_GROUP) if entry.name not in own}
+    others = {entry.name: entry for entry in version.plugins(_GROUP) if entry.name not in own}
     return own | {name: entry.load().summary for name, entry in sorted(others.items())}
 
 

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 from unshutter.cli.arguments import Command
 from unshutter.cli.pipes import Pipes
-from unshutter.errors import UsageError, extra
+from unshutter.errors import UsageError
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyClip
 from unshutter.options.fields import positional
 from unshutter.progress import ClipObserver, ShareBar, tell
 from unshutter.reasons import Code
 from unshutter.run.inputs import PHOTO_SUFFIXES, video_name
+from unshutter.version import extra
 
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime

@@ -7,7 +7,7 @@ from functools import cache
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, BinaryIO, cast
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def av() -> ModuleType:
         import av
         from av import logging
     except ModuleNotFoundError:
-        raise UnshutterError(f"clips need PyAV: {errors.extra('video')}") from None
+        raise UnshutterError(f"clips need PyAV: {version.extra('video')}") from None
     except ImportError as error:  # too little memory, or a broken installation
         raise UnshutterError(f"cannot load PyAV, which clips need: {' '.join(str(error).split())}") from None
     logging.set_level(None)

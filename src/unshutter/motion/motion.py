@@ -13,7 +13,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.motion import motion_file
 from unshutter.motion.motion_file import Common
@@ -277,7 +277,7 @@ class Motion(ABC):
             made_by = shortened(data.get("estimator"))
             raise UnshutterError(
                 f"cannot read motions of kind '{shortened(kind)}': install the package of the method that found it "
-                f"({made_by}; {errors.lab()} has research methods), or a newer version"
+                f"({made_by}; {version.lab()} has research methods), or a newer version"
             )
         motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
         if height != motion.height:
@@ -310,7 +310,7 @@ def _same(one: object, other: object) -> bool:
 
 def _import_method(name: str) -> None:
     """Imports the method of another package that found a motion, all if it is unknown, and so their kinds of motion."""
-    points = errors.plugins("unshutter.estimators")
+    points = version.plugins("unshutter.estimators")
     for point in points.select(name=name) or points:
         try:
             import_module(point.load().home.partition(":")[0])

@@ -22,7 +22,7 @@ from starlette.responses import FileResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, shortened, visible
 from unshutter.options.clip_options import RectifyClip
 from unshutter.page.guard import Guard, Limits
@@ -118,7 +118,7 @@ async def _about(request: Request) -> Response:
     """Version, largest photo and clip [bytes], and how to get clips."""
     settings = _desk(request).settings
     limits = {"max_bytes": settings.max_bytes, "max_clip_bytes": settings.max_clip_bytes}
-    clips = {"clips": _clips_can_be_opened(), "install_clips": errors.extra("video")}
+    clips = {"clips": _clips_can_be_opened(), "install_clips": version.extra("video")}
     return JSONResponse({"version": __version__, **clips, **limits})
 
 
@@ -135,7 +135,7 @@ async def _wake(request: Request) -> Response:
 async def _open(request: Request, kind: Kind) -> Response:
     """Opens the file in the request's body, named by the header ``Unshutter-Name``, and responds with its id."""
     if kind == "clip" and not _clips_can_be_opened():
-        raise UnshutterError(f"clips need the extra: {errors.extra('video')}")
+        raise UnshutterError(f"clips need the extra: {version.extra('video')}")
     name = unquote(request.headers.get("unshutter-name", kind))
     length = request.headers.get("content-length", "")
     size = int(length) if length.isdigit() else 0

@@ -13,7 +13,7 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError
 from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder, write_link
 from unshutter.page.launch import open_page
@@ -52,7 +52,7 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
         from unshutter.page.guard import Connection
         from unshutter.page.tabs import Tabs
     except ImportError as error:
-        raise UnshutterError(f"the page needs the extra: {errors.extra('web')} ({error})") from None
+        raise UnshutterError(f"the page needs the extra: {version.extra('web')} ({error})") from None
 
     token = settings.token or secrets.token_urlsafe(18)
     tabs = Tabs(home, secrets.token_urlsafe(18))

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError
 from unshutter.run.loop import Workers
 from unshutter.storage.files import remove_own_parts
@@ -184,7 +184,7 @@ def cluster(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise UnshutterError(f"{{--scheduler}} needs the extra: {errors.extra('dask')} ({error})") from None
+        raise UnshutterError(f"{{--scheduler}} needs the extra: {version.extra('dask')} ({error})") from None
     try:
         client = Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

@@ -17,7 +17,7 @@ from threading import Lock
 
 import numpy as np
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import WeightsError
 from unshutter.motion import geometry
 from unshutter.motion.shapes import Array, Float
@@ -296,7 +296,7 @@ def read_weights(path: Path | None) -> Weights:
     if path.suffix == ".onnx":
         raise WeightsError(
             f"cannot use the weights {path}: {_NAME} needs an .npz file, which training writes next to "
-            f"its checkpoint ({errors.lab('train')})"
+            f"its checkpoint ({version.lab('train')})"
         )
     try:
         with zipfile.ZipFile(path) as archive:

@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import MissingFileError, UnshutterError, UsageError, shortened
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.single import Method
@@ -79,7 +79,7 @@ METHODS = (
 def names() -> list[str]:
     """Returns the names of all methods: the package's own, then those of other installed packages."""
     built_in = [known.name for known in METHODS]
-    return built_in + sorted(errors.plugins(_GROUP).names - {known.name for known in METHODS})
+    return built_in + sorted(version.plugins(_GROUP).names - {known.name for known in METHODS})
 
 
 def method(name: str) -> Method:
@@ -88,9 +88,9 @@ def method(name: str) -> Method:
     for known in METHODS:
         if known.name == name:
             return known
-    entry = next(iter(errors.plugins(_GROUP).select(name=name)), None)
+    entry = next(iter(version.plugins(_GROUP).select(name=name)), None)
     if entry is None:
-        raise UsageError(f"unknown estimator '{shortened(name)}': {errors.choices(name, names(), _GROUP)}")
+        raise UsageError(f"unknown estimator '{shortened(name)}': {version.choices(name, names(), _GROUP)}")
     return _loaded(entry)
 
 

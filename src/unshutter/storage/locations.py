@@ -26,7 +26,7 @@ from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, TypeAlias
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage import files
 from unshutter.storage.files import Times, check_target, exists, remove_leftovers, written_whole
@@ -205,7 +205,7 @@ def _one_line(where: Place | str) -> Iterator[None]:
         raise
     except ImportError as error:
         raise UnshutterError(
-            f"{{file}} needs a package that is missing: {error} ({errors.extra('dask')})", file=where
+            f"{{file}} needs a package that is missing: {error} ({version.extra('dask')})", file=where
         ) from None
     except FileNotFoundError:
         raise UnshutterError("cannot reach {file}: no such file or folder", file=where) from None

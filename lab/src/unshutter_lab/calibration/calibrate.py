@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from unshutter import errors
 from unshutter.errors import UnshutterError
 from unshutter.single.prior import NORMAL, MotionKind
 from unshutter.single.search import PX, displacement
 from unshutter.storage.locations import RunFiles, write_place
+from unshutter.version import lab
 from unshutter_lab.calibration.cases import (
     CROP,
     CROPPED,
@@ -90,7 +90,7 @@ def _check_libraries() -> None:
     try:
         import sklearn  # noqa: F401
     except ImportError as error:
-        raise UnshutterError(f"calibrate needs the extra: {errors.lab('calibrate')} ({error})") from None
+        raise UnshutterError(f"calibrate needs the extra: {lab('calibrate')} ({error})") from None
 
 
 def _as_fields(kind: MotionKind) -> dict[str, Any]:

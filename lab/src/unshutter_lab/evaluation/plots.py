@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
 from unshutter.storage.files import written_whole
@@ -29,7 +29,7 @@ def check_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise UnshutterError(f"evaluate draws plots and needs the extra: {errors.extra('plot')}") from None
+        raise UnshutterError(f"evaluate draws plots and needs the extra: {version.extra('plot')}") from None
 
 
 def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[str, str]]:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError
 from unshutter.photo import boxes, exif
 from unshutter.photo.directories import EXIF_PREFIX
@@ -174,7 +174,7 @@ def _primary(source: Source) -> HeifImage:
     try:
         import pi_heif
     except ImportError:
-        raise UnshutterError(f"{{photo}} is a HEIC photo: to read it, {errors.extra('heic')}", photo=source) from None
+        raise UnshutterError(f"{{photo}} is a HEIC photo: to read it, {version.extra('heic')}", photo=source) from None
     try:
         with source.stream() as stream:
             if not _item_names_are_text(stream):

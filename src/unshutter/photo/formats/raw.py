@@ -26,7 +26,7 @@ from contextlib import contextmanager, suppress
 from threading import Lock
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter import errors
+from unshutter import version
 from unshutter.errors import UnshutterError
 from unshutter.orientation import Orientation
 from unshutter.photo import boxes, chunks, exif, maker_notes, xmp
@@ -118,7 +118,7 @@ def _opened(source: Source) -> Iterator[rawpy.RawPy]:
         import rawpy
     except ImportError:
         raise UnshutterError(
-            f"{{photo}} is a camera's raw file: to read it, {errors.extra('raw')}", photo=source
+            f"{{photo}} is a camera's raw file: to read it, {version.extra('raw')}", photo=source
         ) from None
     try:
         with source.stream() as stream, rawpy.RawPy() as raw:
