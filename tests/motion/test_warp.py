@@ -1,5 +1,6 @@
 """Pictures drawn by a motion, and the map that they are drawn with: against the exact inverse and plain NumPy."""
 
+import math
 import os
 
 import numpy as np
@@ -14,7 +15,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import RowMotion, warp
 from unshutter.motion import grid as sampling_map
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map
-from unshutter.motion.warp import distort_pixels, rectify_pixels, validity_mask
+from unshutter.motion.warp import distort_pixels, rectify_pixels, validity_mask, warp_plane
 from unshutter.orientation import ScanDirection
 from unshutter.storage import files
 from unshutter_lab.synthesis.row_motions import draw_quadratic
@@ -302,3 +303,17 @@ def test_wrong_size_names_both_sizes():
 def test_unknown_edges():
     with pytest.raises(UsageError, match="keep, crop or fill"):
         rectify_pixels(np.zeros((90, 120), np.uint8), shake(90, 120), "mirror")
+
+
+@pytest.mark.parametrize("subsampling", [(1, 1), (2, 2), (4, 1)])
+@pytest.mark.parametrize(("beyond", "border"), [(1.0, 7), (None, 2), (math.inf, 0)])
+def test_planes_of_any_resolution_move_with_their_frame(subsampling, beyond, border):
+    across, down = subsampling
+    plane = np.tile(np.arange(1000, 1000 + 64 // across, dtype=np.uint16), (48 // down, 1))
+    grid = SamplingGrid.of_cells(lambda col, row: (col - 8.0, row), step=8, height=48, width=64)
+    out = np.empty_like(plane)
+    warp_plane(plane, grid, out, subsampling, beyond, black=7, limit=1023)
+    shift = 8 // across
+    np.testing.assert_array_equal(out[:, shift:], np.minimum(plane, 1023)[:, :-shift])
+    first = {7: 7, 2: 1000 + shift - 1, 0: 1000}[border]  # black, mirrored, repeated
+    assert (out[:, 0] == first).all()

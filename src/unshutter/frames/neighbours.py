@@ -271,4 +271,5 @@ def _grid(field: Field, frame: float, height: int, width: int) -> SamplingGrid:
     scale = np.array([width / columns, height / rows], np.float32)
     nodes = np.stack([column, row], axis=-1)
     in_copy = (nodes + 0.5) / scale - 0.5
-    return SamplingGrid(nodes + bilinear(field.shift(frame) * scale, in_copy), step, step, height, width)
+    source = nodes + bilinear(field.shift(frame) * scale, in_copy)
+    return SamplingGrid(np.ascontiguousarray(np.moveaxis(source, 2, 0)), step, step, height, width)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import os
-import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,9 +23,9 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
 from unshutter.motion.edges import HAIRLINE, EdgeDecision, EdgePolicy, crop_window
-from unshutter.motion.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
+from unshutter.motion.grid import Extent, SamplingGrid, Scratch, Tile, gs_to_rs_map, rs_to_gs_map
 from unshutter.motion.opencv_threads import no_opencv_threads
-from unshutter.motion.shapes import Bool, UInt
+from unshutter.motion.shapes import Bool, Float32, UInt
 from unshutter.motion.upright import Pose
 from unshutter.options import Edges, check_edges
 from unshutter.storage.files import new_array
@@ -166,25 +166,11 @@ def _warped(
     result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
     has_alpha = pixels.shape[2] in (2, 4) and not masked
-    warp = _Warp(pixels, out, grid, window, interpolation, black_beyond, has_alpha, _Scratch())
+    warp = _Warp(pixels, out, grid, window, interpolation, black_beyond, has_alpha, Scratch())
     with no_opencv_threads(), ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(warp.make, window.tiles()):
             pass  # raises errors of the threads
     return result
-
-
-class _Scratch(threading.local):
-    """Arrays that a thread reuses for each tile, because fresh memory from the system takes a third of the time."""
-
-    def __init__(self) -> None:
-        self._arrays: dict[str, np.ndarray] = {}
-
-    def array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Returns an uninitialised float32 array, valid until the next request for that name."""
-        size = math.prod(shape)
-        if name not in self._arrays or self._arrays[name].size < size:
-            self._arrays[name] = np.empty(size, np.float32)
-        return self._arrays[name][:size].reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +184,7 @@ class _Warp:
     method: int  # of interpolation
     black_beyond: float | None
     has_alpha: bool
-    scratch: _Scratch
+    scratch: Scratch
 
     def make(self, tile: Tile) -> None:
         """Computes a tile of the output."""
@@ -226,8 +212,7 @@ class _Warp:
         part = self.out[tile.within(self.window)]
         self._sample(source, col, row, part)
         if self.black_beyond is not None and self.black_beyond < math.inf and not grid.contains(extent):
-            outside = ~grid.inside(col, row, left, top, self.black_beyond)
-            cv2.copyTo(np.zeros_like(part), outside.view(np.uint8), part)  # part[outside] = 0 takes 40 times as long
+            _blacken(part, ~grid.inside(col, row, left, top, self.black_beyond), 0)
 
     def _sample(self, image: np.ndarray, col: np.ndarray, row: np.ndarray, out: np.ndarray) -> None:
         """Samples the image at positions, repeating its border, and writes the result to out [rows, cols, bands]."""
@@ -247,6 +232,11 @@ class _Warp:
                 sampled[..., :-1] *= np.where(alpha >= 0.5, top / alpha, 0)
         np.rint(sampled.clip(0, top, out=sampled), out=sampled)
         np.copyto(out, sampled, casting="unsafe")
+
+
+def _blacken(part: np.ndarray, outside: np.ndarray, black: int | Sequence[int]) -> None:
+    """Sets pixels to the value of black, or to those of its bands."""
+    cv2.copyTo(np.full_like(part, black), outside.view(np.uint8), part)  # part[outside] = black takes 40 times as long
 
 
 def _mirror(positions: np.ndarray, last: int) -> None:
@@ -277,3 +267,59 @@ def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
     left, right = (min(max(int(c), 0), width - 1) for c in (extent.left - _REACH, extent.right + _REACH))
     top, bottom = (min(max(int(r), 0), height - 1) for r in (extent.top - _REACH, extent.bottom + _REACH))
     return pixels[top : bottom + 1, left : right + 1], left, top
+
+
+# ---- planes of video frames ------------------------------------------------------------------------------------
+
+
+def warp_plane(
+    plane: UInt[np.ndarray, "rows columns *bands"],
+    grid: SamplingGrid,
+    out: UInt[np.ndarray, "rows columns *bands"],
+    subsampling: tuple[int, int] = (1, 1),
+    black_beyond: float | None = math.inf,
+    black: int | Sequence[int] = 0,
+    limit: int = 0xFFFF,
+    scratch: Scratch | None = None,
+) -> None:
+    """Computes a plane of a rectified video frame, bicubic (a = -0.75), band by band.
+
+    Args:
+        plane: a plane of the frame, of its own resolution.
+        grid: where the rectified frame is sampled, of :meth:`SamplingGrid.of_cells`.
+        subsampling: columns and rows of the frame per column and row of the plane.
+        black_beyond: see :attr:`EdgePolicy.black_beyond` [px of the frame].
+        black: the value of black, or those of the plane's bands.
+        limit: greatest value, which cubic interpolation may exceed.
+    """
+    picture = None
+    if black_beyond is not None and math.isfinite(black_beyond):
+        across, down = ((black_beyond - 0.5) / each + 0.5 for each in subsampling)
+        rows, columns = plane.shape[:2]
+        picture = Extent.of_picture(rows, columns, across, down)
+    for band, positions in grid.bands(*subsampling, scratch):
+        sample_plane(plane, positions, out[band], limit, mirror=black_beyond is None)
+        if picture is not None:
+            outside = ~picture.holds(*positions)
+            if outside.any():
+                _blacken(out[band], outside, black)
+
+
+def sample_plane(
+    plane: UInt[np.ndarray, "rows columns *bands"],
+    positions: tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]],
+    out: UInt[np.ndarray, "rows cols *bands"],
+    limit: int = 0xFFFF,
+    mirror: bool = False,
+) -> None:
+    """Samples a plane at positions (col, row) [px of the plane], bicubic (a = -0.75).
+
+    Args:
+        limit: greatest value, which cubic interpolation may exceed.
+        mirror: whether the plane is mirrored at its border; otherwise, the border is repeated.
+    """
+    border = cv2.BORDER_REFLECT if mirror else cv2.BORDER_REPLICATE
+    col, row = positions
+    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border)
+    if limit < np.iinfo(out.dtype).max:
+        np.minimum(out, limit, out=out)
