@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from unshutter.frames.tracks import GUESSED_RATIO
 from unshutter.photo import Photo
-from unshutter.photo.readout_times import UNKNOWN
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
 FEW = 3  # a photo and those just before and after it never show their readout ratio
@@ -26,7 +25,7 @@ def usual_ratio(photos: Sequence[Photo]) -> ReadoutRatio:
     times = [photo.taken() for photo in photos]
     known = [time for time in times if time is not None and time.microsecond]
     readout = photos[0].readout_time()
-    if len(known) == len(photos) > 1 and readout != UNKNOWN:
+    if len(known) == len(photos) > 1 and readout.source is not ReadoutSource.UNKNOWN:
         interval_s = (known[-1] - known[0]).total_seconds() / (len(photos) - 1)
         if 0 < interval_s <= _LONGEST_S:
             return cautious(readout).ratio(interval_s)

@@ -168,12 +168,11 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
     from unshutter.frames.frame_motion import AT_REST  # imported here: NumPy comes after decoding has begun
     from unshutter.frames.sequence import CameraMotion
     from unshutter.frames.usual_ratio import cautious
-    from unshutter.photo.readout_times import DRONE, PHONE
 
     time = burst[0].readout_time
     if camera.readout_ms is not None:
         time = ReadoutTime.of_ms(camera.readout_ms, ReadoutSource.GIVEN)
-    elif time in (PHONE, DRONE):
+    elif time.source in (ReadoutSource.PHONE, ReadoutSource.DRONE):
         time = cautious(time)
     else:
         return
