@@ -41,14 +41,11 @@ def test_a_second_start_finds_the_first_and_the_last_tab_ends_it(user: User, pho
         assert client.get(f"/api/tabs/{given}/files").json() == [photo.name]
         assert client.get(f"/api/tabs/{given}/files/0").content == photo.read_bytes()
         assert client.get(f"/api/tabs/{empty}/files").json() == []
-        for tab in (given, empty):
-            assert client.post(f"/api/tabs/{tab}").status_code == 200
+        with client.stream("GET", "/api/tabs") as shown:
+            assert shown.status_code == 200 and alive(first.pid)
         assert not list(user.folder.glob("*.html")), "the link is needed no more once its tab is there"
-        for tab in (given, empty):
-            assert client.delete(f"/api/tabs/{tab}").status_code == 204
     assert becomes(lambda: not alive(first.pid))
     assert described_page(user.folder) is None and not temporary_folders(user.home)
-    assert not list(user.folder.glob("open-*.json"))
 
 
 def test_a_page_that_was_killed_is_replaced(user: User) -> None:
@@ -72,7 +69,7 @@ class Foreign(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         self.send_response(200)
         self.end_headers()
-        self.wfile.write(b'{"proof": "mine"}')
+        self.wfile.write(b"{}")
 
     def log_message(self, *_: object) -> None:
         pass
@@ -147,16 +144,21 @@ def test_files_are_dropped_onto_the_page(user: User, photo: Path, chromium: Brow
     page.reload()  # which starts empty, and does not end the server
     expect(page.locator("#empty")).to_be_visible()
     pid = user.page.pid
-    page.close(run_before_unload=True)  # as people close a tab: a browser that ends at once tells nobody
-    assert becomes(lambda: not alive(pid))
+    second = context.new_page()
+    second.goto(user.page.link("another"))
+    held = "navigator.locks.query().then(({ held, pending }) => [held.length, pending.length].join())"
+    second.wait_for_function(f"{held}.then((now) => now === '1,1')")  # the first stands for both, until it is closed
+    page.close()
+    second.wait_for_function(f"{held}.then((now) => now === '1,0')")
     context.close()
+    assert becomes(lambda: not alive(pid))
 
 
 def test_only_one_process_claims_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     folder = state_folder()
     assert folder == tmp_path / "unshutter" and folder.stat().st_mode & 0o777 == 0o700
-    page = RunningPage(1, "token", "proof", os.getpid())
+    page = RunningPage(1, "token", "key", os.getpid())
     with only_page(folder) as first, only_page(folder) as second:
         assert (first, second) == (True, False)
         publish(folder, page)
@@ -164,7 +166,7 @@ def test_only_one_process_claims_a_folder(tmp_path: Path, monkeypatch: pytest.Mo
     assert described_page(folder) is None
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"port": "x", "token": 1, "proof": 2, "pid": 3}', "\0"])
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"port": "x", "token": 1, "key": 2, "pid": 3}', "\0"])
 def test_a_damaged_description_is_none(tmp_path: Path, content: str) -> None:
     (tmp_path / "page.json").write_text(content)
     assert described_page(tmp_path) is None
@@ -174,9 +176,9 @@ def test_an_old_description_is_answered_by_nobody(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    publish(tmp_path, RunningPage(port, "token", "proof", 1))
+    publish(tmp_path, RunningPage(port, "token", "key", 1))
     found = described_page(tmp_path)
-    assert found is not None and not found.announce("12345678")
+    assert found is not None and found.new_tab(tmp_path, "12345678", []) is None
 
 
 @pytest.mark.parametrize("runtime", ["", "relative", "/nowhere"])

@@ -184,8 +184,9 @@ def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
         route.fulfill(json={**route.fetch().json(), "clips": False})
 
     page.route("**/api/about", without)
-    page.goto(server.link)
-    page.wait_for_load_state("networkidle")
+    with page.expect_response("**/api/about") as answer:
+        page.goto(server.link)
+    answer.value.finished()
     drop(page, walk)
     expect(page.locator("#notice")).to_contain_text(version.extra("video"))  # from where this one was installed
     expect(page.locator("#empty")).to_be_visible()

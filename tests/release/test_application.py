@@ -61,7 +61,6 @@ def test_it_opens_photos_and_clips_stops_and_starts_again(user: User, photo: Pat
     with user.client() as client:
         (tab,) = user.tabs
         assert client.get(f"/api/tabs/{tab}/files").json() == [photo.name, iphones.name, clip.name]
-        assert client.post(f"/api/tabs/{tab}").status_code == 200
         run_command("rectify", photo, "-o", tmp_path / "expected.jpg")
         picture = client.get(f"/api/photos/{opened(client, photo)}/picture")
         assert picture.content == (tmp_path / "expected.jpg").read_bytes()
@@ -69,7 +68,8 @@ def test_it_opens_photos_and_clips_stops_and_starts_again(user: User, photo: Pat
         assert grey.status_code == 200 and grey.content.startswith(b"\xff\xd8")
         run_command("video", clip, "-o", tmp_path / "expected.mkv", "--readout-ratio", "0.6")
         assert saved_clip(client, clip) == (tmp_path / "expected.mkv").read_bytes()
-        client.delete(f"/api/tabs/{tab}")
+        with client.stream("GET", "/api/tabs"):
+            pass  # a tab that is closed at once
     assert becomes(lambda: not alive(page.pid))
     assert described_page(user.folder) is None and not temporary_folders(user.home)
     assert user.open().returncode == 0
@@ -139,9 +139,9 @@ def test_it_talks_to_nobody(user: User, photo: Path, tmp_path: Path) -> None:
     watched = watch.start("-c", program, repr(user.environment), PROGRAM, photo)
     assert becomes(lambda: bool(user.links))
     with user.client() as client:
-        client.post(f"/api/tabs/{user.tabs[0]}")
         assert client.get(f"/api/photos/{opened(client, photo)}/picture").status_code == 200
-        client.delete(f"/api/tabs/{user.tabs[0]}")
+        with client.stream("GET", "/api/tabs"):
+            pass
     assert watched.wait(LONG_S) == 0
     assert watch.seen_elsewhere() == []
 

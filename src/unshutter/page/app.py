@@ -91,7 +91,7 @@ def application(
         Route(f"{save}/events", _events),
         Route(save, _cancel, methods=["DELETE"]),
         Route(f"{save}/file", _download),
-        *tab_routes(tabs or Tabs(), state.settings),
+        *(tab_routes(tabs, state.settings) if tabs else []),
     ]
     limits = Middleware(Limits, state.settings, patience_s)
     kinds = (HTTPException, UnshutterError, OSError, Exception)

@@ -1,7 +1,7 @@
-"""The page that runs already: where a second start finds it, and leaves the files that a tab is to open.
+"""The page that runs already: where a second start finds it, and the files that lead the browser to it.
 
-All of it lies in a folder that only its user can read. The running server holds the lock there, however it ends, and a
-second start asks it for a proof: neither an old file nor another user's program on the same port is taken for it.
+All of it lies in a folder that only its user can read. The running server holds the lock there, however it ends. A
+second start asks it to write a link there: neither an old file nor another program on the same port is taken for it.
 """
 
 from __future__ import annotations
@@ -9,21 +9,19 @@ from __future__ import annotations
 import http.client
 import json
 import os
-import re
-import secrets
 import stat
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.files import NEVER_FOLLOW, lock, written_whole
 
+KEY = "unshutter-key"  # header of a request for a tab
 _LOCK = "lock"
 _PAGE = "page.json"
-_ID = re.compile(r"[A-Za-z0-9_-]{8,40}")
 _PATIENCE_S = 5.0  # for the answer of a running page
 
 
@@ -33,22 +31,23 @@ class RunningPage:
 
     port: int
     token: str
-    proof: str
+    key: str
     pid: int
 
-    def announce(self, id: str) -> bool:
-        """Tells the server that a tab is about to be opened; returns whether it is this server that answers."""
+    def new_tab(self, folder: Path, id: str, files: Sequence[Path]) -> Path | None:
+        """Asks the server for a tab with files (absolute paths).
+
+        Returns:
+            The file in its folder that leads the browser to the tab; None if it is not this server that answers, since
+            only it could write there.
+        """
+        headers = {"Authorization": f"Bearer {self.token}", KEY: self.key}
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=_PATIENCE_S)
-        with suppress(OSError, http.client.HTTPException, ValueError, AttributeError):
-            try:
-                connection.request(
-                    "POST", f"/api/tabs/{id}?opening=1", headers={"Authorization": f"Bearer {self.token}"}
-                )
-                answer = json.loads(connection.getresponse().read())
-                return secrets.compare_digest(str(answer.get("proof")).encode(), self.proof.encode())
-            finally:
-                connection.close()
-        return False
+        with suppress(OSError, http.client.HTTPException), closing(connection):
+            connection.request("POST", f"/api/tabs/{id}", json.dumps([str(path) for path in files]), headers)
+            connection.getresponse().read()
+        file = _link_file(folder, id)
+        return file if file.is_file() else None
 
     def link(self, id: str) -> str:
         """Returns the link of a tab."""
@@ -99,10 +98,10 @@ def only_page(folder: Path) -> Iterator[bool]:
 
 
 def _clear(folder: Path) -> None:
-    for file in (folder / _PAGE, *folder.glob("open-*.json")):
+    links = _link_file(folder, "*")
+    for file in (folder / _PAGE, *links.parent.glob(links.name)):
         with suppress(OSError):
             file.unlink(missing_ok=True)
-            forget_link(folder, file.stem.removeprefix("open-"))
 
 
 def publish(folder: Path, page: RunningPage) -> None:
@@ -119,22 +118,7 @@ def described_page(folder: Path) -> RunningPage | None:
     return None
 
 
-# ---- tabs that are about to be opened ----------------------------------------------------------------------------
-
-
-def leave_files(folder: Path, id: str, files: Sequence[Path]) -> None:
-    """Leaves the files (absolute paths) that a tab is to open, for the server."""
-    with written_whole(folder / f"open-{id}.json") as part:
-        part.write_text(json.dumps([str(path) for path in files]), encoding="utf-8")
-
-
-def files_for(folder: Path | None, id: str) -> list[Path]:
-    """Returns the files with which a tab was opened; empty if there are none."""
-    if folder is None or not _ID.fullmatch(id):
-        return []
-    with suppress(OSError, ValueError):
-        return [Path(name) for name in json.loads((folder / f"open-{id}.json").read_text(encoding="utf-8"))]
-    return []
+# ---- files that lead the browser to the page -----------------------------------------------------------------------
 
 
 def write_link(folder: Path, id: str, link: str) -> Path:
@@ -145,14 +129,13 @@ def write_link(folder: Path, id: str, link: str) -> Path:
     return file
 
 
-def forget_link(folder: Path | None, id: str) -> None:
-    """Removes the file that led the browser to a tab, which is there now."""
-    if folder is not None and _ID.fullmatch(id):
-        with suppress(OSError):
-            _link_file(folder, id).unlink(missing_ok=True)
+def forget_link(folder: Path, id: str) -> None:
+    """Removes the file that led the browser to a tab."""
+    with suppress(OSError):
+        _link_file(folder, id).unlink(missing_ok=True)
 
 
 def _link_file(folder: Path, id: str) -> Path:
     if Path("/snap/bin").is_dir():  # a browser in a snap sees neither hidden folders nor /tmp
-        return Path.home() / f"unshutter-{id}.html"
+        return Path.home() / f"unshutter-tab-{id}.html"
     return folder / f"open-{id}.html"

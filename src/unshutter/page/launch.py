@@ -7,12 +7,12 @@ import subprocess
 import sys
 import time
 import webbrowser
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.frames.pyav import VIDEO_FORMATS
-from unshutter.page.instance import RunningPage, described_page, leave_files, state_folder, write_link
+from unshutter.page.instance import RunningPage, described_page, state_folder
 from unshutter.progress import tell
 from unshutter.run.inputs import PHOTO_SUFFIXES
 from unshutter.storage.files import check_plain
@@ -30,12 +30,11 @@ def open_page(paths: Iterable[Path]) -> int:
     folder = state_folder()
     id = secrets.token_urlsafe(9)
     page = described_page(folder)
-    if page is None or not page.announce(id):
-        page = _started_page(folder, id)
-    leave_files(folder, id, files)
-    link = page.link(id)
-    if not webbrowser.open(write_link(folder, id, link).as_uri()):
-        tell(f"no browser was found: open {link}")
+    tab = page and page.new_tab(folder, id, files)
+    if page is None or tab is None:
+        page, tab = _started_page(folder, id, files)
+    if not webbrowser.open(tab.as_uri()):
+        tell(f"no browser was found: open {page.link(id)}")
         return 1
     return 0
 
@@ -61,8 +60,8 @@ def _is_shown(file: Path, folder: Path, known: set[str]) -> bool:
     return file.suffix.lower() in known and not hidden and file.is_file()
 
 
-def _started_page(folder: Path, id: str) -> RunningPage:
-    """Starts a server that outlives this process, and returns it once it answers."""
+def _started_page(folder: Path, id: str, files: Sequence[Path]) -> tuple[RunningPage, Path]:
+    """Starts a server that outlives this process; returns it, and its tab with files, once it answers."""
     program = [sys.executable] if getattr(sys, "frozen", False) else [sys.executable, "-m", "unshutter"]
     log = folder / _LOG
     with log.open("w", encoding="utf-8") as errors:
@@ -78,8 +77,9 @@ def _started_page(folder: Path, id: str) -> RunningPage:
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
         page = described_page(folder)
-        if page is not None and page.announce(id):
-            return page
+        tab = page and page.new_tab(folder, id, files)
+        if page is not None and tab is not None:
+            return page, tab
         if process.poll():  # 0: another start was faster, and its page is about to answer
             break
         time.sleep(_LOOK_S)

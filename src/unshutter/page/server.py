@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from unshutter import version
 from unshutter.errors import UnshutterError
-from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder, write_link
+from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder
 from unshutter.page.launch import open_page
 from unshutter.page.settings import Settings
 from unshutter.page.store import ServerState, temporary_folder
@@ -55,10 +55,11 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
         raise UnshutterError(f"the page needs the extra: {version.extra('web')} ({error})") from None
 
     token = settings.token or secrets.token_urlsafe(18)
-    tabs = Tabs(home, secrets.token_urlsafe(18))
     logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # nobody needs a log of requests
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        tabs = Tabs(home or folder, f"http://{host}:{port}/?token={token}", secrets.token_urlsafe(18))
         state = ServerState.open(settings, folder)
         config = uvicorn.Config(
             application(state, token, port, tabs),
@@ -76,26 +77,28 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
             uvicorn.server.HANDLED_SIGNALS += (hangup,)  # it stops the server as SIGTERM does
         server = uvicorn.Server(config)
         if home is not None:
-            publish(home, RunningPage(port, token, tabs.proof, os.getpid()))
-        link_file = _announce(settings, port, token, folder)
+            publish(home, RunningPage(port, token, tabs.key, os.getpid()))
+        print(f"unshutter: {tabs.link}\nunshutter: open this link in a browser; Ctrl-C ends the page", flush=True)
+        if settings.open:
+            tab = tabs.expect(secrets.token_urlsafe(9))
+            threading.Thread(target=webbrowser.open, args=[tab.as_uri()], daemon=True).start()
         try:
-            asyncio.run(_until_asked_to_stop(server, listener, tabs))
+            asyncio.run(_until_asked_to_stop(server, listener, tabs, settings.until_closed))
         finally:
             state.close()
-            if link_file is not None:
-                link_file.unlink(missing_ok=True)
     return 0
 
 
-async def _until_asked_to_stop(server: uvicorn.Server, listener: socket.socket, tabs: Tabs) -> None:
-    async def stop_with_last_tab() -> None:
-        await tabs.wait_until_closed()
-        server.should_exit = True
+async def _until_asked_to_stop(server: uvicorn.Server, listener: socket.socket, tabs: Tabs, until_closed: bool) -> None:
+    async def watch() -> None:
+        while not server.should_exit:
+            await tabs.tick()
+            server.should_exit |= until_closed and tabs.are_closed
+        tabs.end()
 
-    stopping = asyncio.create_task(stop_with_last_tab()) if tabs.home is not None else None
+    watching = asyncio.create_task(watch())
     await server.serve(sockets=[listener])
-    if stopping is not None:
-        stopping.cancel()
+    await watching
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -112,15 +115,3 @@ def _listening(host: str, port: int) -> socket.socket:
         ) from None
     listener.listen(_MOST_CONNECTIONS)
     return listener
-
-
-def _announce(settings: Settings, port: int, token: str, folder: Path) -> Path | None:
-    """Prints the link; if the browser is to open it, returns the file that leads there."""
-    host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    link = f"http://{host}:{port}/?token={token}"
-    print(f"unshutter: {link}\nunshutter: open this link in a browser; Ctrl-C ends the page", flush=True)
-    if not settings.open:
-        return None
-    file = write_link(folder, secrets.token_urlsafe(9), link)
-    threading.Thread(target=webbrowser.open, args=[file.as_uri()], daemon=True).start()
-    return file

@@ -1,13 +1,15 @@
 """The browser's tabs that show the page: the server may end with the last of them, and they get files to open.
 
-Browsers slow down the timers of hidden tabs, and stop those of frozen ones. Therefore a tab that falls silent counts as
-open for an hour, and a tab reports that it is closed. Only seconds during which the server ran are counted: after a
-laptop has slept, its tabs are still open.
+While a browser shows the page, one of its tabs holds a request open (web/tab.js), which ends however that tab ends.
+Only seconds during which the server ran are counted: a laptop may sleep while a browser starts.
 """
 
 from __future__ import annotations
 
 import asyncio
+import secrets
+from collections.abc import AsyncIterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePath
@@ -15,94 +17,109 @@ from typing import TYPE_CHECKING
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from unshutter.frames.pyav import VIDEO_FORMATS
-from unshutter.page.instance import files_for, forget_link
+from unshutter.page.instance import KEY, forget_link, write_link
 
 if TYPE_CHECKING:
     from unshutter.page.settings import Settings
 
+_ALIVE_S = 15.0  # between keep-alive messages
+
 
 @dataclass
 class Tabs:
-    """The tabs that show the page, and how long each counts as open without another word from it [s]."""
+    """The tabs that show the page, and how long the server waits for one [s]."""
 
-    home: Path | None = None  # folder of the running page; None: it is not the one that `unshutter open` finds
-    proof: str = ""  # what shows `unshutter open` that it found this server, and not another program
+    folder: Path  # private folder for the files that lead the browser to the page
+    link: str  # link of the page
+    key: str  # secret of this user's programs, which may ask for a tab with files
     opening_s: float = 120.0  # a browser may take this long to start
-    silent_s: float = 3600.0
     closed_s: float = 10.0  # a page that is loaded again was closed before
-    tick_s: float = 1.0
-    _left_s: dict[str, float] = field(default_factory=dict, init=False)
-    _closed: set[str] = field(default_factory=set, init=False)
+    tick_s: float = 0.25
+    _files: dict[str, Sequence[Path]] = field(default_factory=dict, init=False)  # by id of the tab
+    _held: int = field(default=0, init=False)  # number of requests that are held open
+    _ended: asyncio.Event = field(default_factory=asyncio.Event, init=False)
 
     def __post_init__(self) -> None:
-        self._left_s[""] = self.opening_s  # the first tab, unless it never comes
+        self._left_s = self.opening_s
 
-    def announce(self, id: str) -> None:
-        """Counts a tab as open while its browser starts."""
-        self._left_s[id] = self.opening_s
+    @property
+    def are_closed(self) -> bool:
+        """Whether no tab is open or expected."""
+        return not self._held and self._left_s <= 0
 
-    def report(self, id: str, again: bool = False) -> None:
-        """Counts a tab as open; one that was closed only if it says that it is shown again.
+    def expect(self, id: str, files: Sequence[Path] = ()) -> Path:
+        """Expects a tab, to be opened with files (absolute paths); returns the file that leads the browser to it."""
+        self._files[id] = files
+        self._left_s = self.opening_s
+        return write_link(self.folder, id, f"{self.link}&open={id}")
 
-        A tab's last report may arrive after the news that it was closed.
-        """
-        if id in self._closed and not again:
-            return
-        self._closed.discard(id)
-        self._left_s.pop("", None)
-        self._left_s[id] = self.silent_s
-        forget_link(self.home, id)
+    def arrived(self, id: str) -> Sequence[Path]:
+        """Notes that a tab is there, and returns the files to open in it; empty if it is not known."""
+        if id in self._files:
+            forget_link(self.folder, id)
+            self._left_s = self.closed_s
+        return self._files.get(id, ())
 
-    def close(self, id: str) -> None:
-        """Notes that a tab was closed, or is loading the page again."""
-        self._closed.add(id)
-        self._left_s.pop("", None)
-        self._left_s[id] = self.closed_s
+    async def held(self) -> AsyncIterator[str]:
+        """Yields keep-alive messages to a browser that shows the page, until either ends."""
+        self._held += 1
+        self._left_s = self.closed_s
+        try:
+            while not self._ended.is_set():
+                yield ": unshutter is running\n\n"
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._ended.wait(), _ALIVE_S)
+        finally:
+            self._held -= 1
 
-    async def wait_until_closed(self) -> None:
-        """Returns once no tab is open."""
-        while self._left_s:
-            await asyncio.sleep(self.tick_s)
-            self._left_s = {id: left - self.tick_s for id, left in self._left_s.items() if left > self.tick_s}
+    async def tick(self) -> None:
+        """Waits for a moment, which counts if no tab is open."""
+        await asyncio.sleep(self.tick_s)
+        if not self._held:
+            self._left_s -= self.tick_s
+
+    def end(self) -> None:
+        """Ends the requests that are held open, and removes files that no browser followed."""
+        self._ended.set()
+        for id in self._files:
+            forget_link(self.folder, id)
 
 
 def tab_routes(tabs: Tabs, settings: Settings) -> list[Route]:
-    """Lists the addresses at which tabs report, and get the files with which they were opened."""
+    """Lists the addresses at which tabs are asked for, held open, and get their files."""
     tab = "/api/tabs/{id}"
     return [
-        Route(tab, partial(_report, tabs=tabs), methods=["POST"]),
-        Route(tab, partial(_close, tabs=tabs), methods=["DELETE"]),
+        Route("/api/tabs", partial(_hold, tabs=tabs)),
+        Route(tab, partial(_expect, tabs=tabs), methods=["POST"]),
         Route(f"{tab}/files", partial(_files, tabs=tabs)),
         Route(f"{tab}/files/{{number:int}}", partial(_file, tabs=tabs, settings=settings)),
     ]
 
 
-async def _report(request: Request, tabs: Tabs) -> Response:
-    id = request.path_params["id"]
-    if request.query_params.get("opening") == "1":
-        tabs.announce(id)
-    else:
-        tabs.report(id, request.query_params.get("again") == "1")
-    return JSONResponse({"proof": tabs.proof})
+async def _hold(request: Request, tabs: Tabs) -> Response:
+    return StreamingResponse(tabs.held(), media_type="text/event-stream")
 
 
-async def _close(request: Request, tabs: Tabs) -> Response:
-    tabs.close(request.path_params["id"])
+async def _expect(request: Request, tabs: Tabs) -> Response:
+    """Expects a tab with files, whose paths are the body: only for programs of the user, never for the page itself."""
+    if not secrets.compare_digest(request.headers.get(KEY, "").encode(), tabs.key.encode()):
+        raise HTTPException(403, "only `unshutter open` may name files")
+    tabs.expect(request.path_params["id"], [Path(name) for name in await request.json()])
     return Response(status_code=204)
 
 
 async def _files(request: Request, tabs: Tabs) -> Response:
     """The names of the files with which the tab was opened."""
-    return JSONResponse([path.name for path in files_for(tabs.home, request.path_params["id"])])
+    return JSONResponse([path.name for path in tabs.arrived(request.path_params["id"])])
 
 
 async def _file(request: Request, tabs: Tabs, settings: Settings) -> Response:
     """One of these files."""
-    files = files_for(tabs.home, request.path_params["id"])
+    files = tabs.arrived(request.path_params["id"])
     number = request.path_params["number"]
     if number >= len(files) or not files[number].is_file():
         raise HTTPException(404, "this file is not there any more")

@@ -1,48 +1,45 @@
-// This tab tells the program that it is open, and takes the files with which it was opened.
+// This tab shows the program that it is open, and takes the files with which it was opened.
 
-import { ask, close, Refused, rest } from "./api.js";
+import { ask, events, Refused, rest } from "./api.js";
 
-const EVERY_MS = 20000;
+const EVERY_MS = 1000;
 const TABS = "/api/tabs";
 
-/** The id that the link gave this tab; without one, the tab makes its own, another each time the page is loaded. */
+/** The id that the link gave this tab; a page that is loaded again has none. */
 function takeId() {
   const address = new URL(location.href);
-  const given = address.searchParams.get("open");
-  if (given === null) return { id: `tab-${Math.random().toString(36).slice(2).padEnd(8, "0")}`, given: false };
+  const id = address.searchParams.get("open");
   address.searchParams.delete("open");
   history.replaceState(null, "", address);
-  return { id: given, given: true };
+  return id;
 }
 
-const { id, given } = takeId();
-
 /**
- * Reports until the tab is closed; calls back with files, and with what keeps one from being opened.
+ * Holds a request open until the tab is closed; calls back with files, and with what keeps one from being opened.
+ * One tab at a time does so for all, since a browser has only six connections to a server.
  * @param {(files: File[]) => void} take @param {(line: string) => void} refuse
  */
 export async function keepOpen(take, refuse) {
-  addEventListener("pagehide", () => close(TABS, id));
-  const report = async (again = "") => {
-    const answer = await ask(`${TABS}/${id}${again}`, { method: "POST" });
-    await answer.text(); // a request ends with its answer
-  };
-  addEventListener("pageshow", (event) => event.persisted && report("?again=1").catch(() => {}));
-  if (given) openFiles(take, refuse).catch(() => {});
+  const id = takeId();
+  if (id !== null) openFiles(`${TABS}/${id}/files`, take, refuse).catch(() => {});
   for (;;) {
-    await report().catch(() => {}); // the page says why, in other places
+    await navigator.locks?.request("tab", hold).catch(() => {}); // the page says why, in other places
     await rest(EVERY_MS);
   }
 }
 
-/** @param {(files: File[]) => void} take @param {(line: string) => void} refuse */
-async function openFiles(take, refuse) {
+async function hold() {
+  for await (const _ of events(TABS)); // which has none: it ends with the program
+}
+
+/** @param {string} address @param {(files: File[]) => void} take @param {(line: string) => void} refuse */
+async function openFiles(address, take, refuse) {
   /** @type {string[]} */
-  const names = await (await ask(`${TABS}/${id}/files`)).json();
+  const names = await (await ask(address)).json();
   const files = [];
   for (const [number, name] of names.entries()) {
     try {
-      const answer = await ask(`${TABS}/${id}/files/${number}`);
+      const answer = await ask(`${address}/${number}`);
       files.push(new File([await answer.blob()], name));
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
