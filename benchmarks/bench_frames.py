@@ -20,10 +20,10 @@ import numpy as np
 from unshutter.frames.frame import SequenceOptions
 from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import copy_side, link, render_moment
-from unshutter.frames.sequence_rectification import rectify_between
 from unshutter.options import Clock, FrameModel, Undo
 from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
+from unshutter.rectification.sequences import rectify_between
 
 SIZES = ((480, 640), (3000, 4000))
 RATIO = 0.8

@@ -20,7 +20,6 @@ from support.shaken_scenes import shake
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.grid import gs_to_rs_map
-from unshutter.motion.rectified import Result, render
 from unshutter.motion.upright import Pose
 from unshutter.motion.verdict import Verdict
 from unshutter.motion.warp import rectify_pixels, straighten, validity_mask
@@ -28,6 +27,7 @@ from unshutter.page import photo_jobs
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
 from unshutter.photo import Photo
+from unshutter.rectification.rectified import Result, render
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SIZES = [(480, 640), (640, 480), (301, 450)]
@@ -193,10 +193,10 @@ def test_what_a_turning_camera_did_not_see_is_borrowed() -> None:
 
 def with_neighbours(before: Photo, photo: Photo, after: Photo) -> Result:
     """The photo's result, as the command line makes it."""
-    from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
     from unshutter.options import Undo
     from unshutter.orientation import ScanDirection
     from unshutter.readout_time import ReadoutRatio
+    from unshutter.rectification.sequences import SequenceOptions, rectify_between
 
     options = SequenceOptions(ReadoutRatio(0.8), Undo(), ScanDirection.TOP_TO_BOTTOM, model="camera")
     return rectify_between(photo, before, after, options)

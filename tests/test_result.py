@@ -12,12 +12,12 @@ from support.drawn_photos import drawn
 from support.sure_estimator import Sure
 from unshutter.errors import UnshutterError
 from unshutter.motion.finding import Finding
-from unshutter.motion.rectified import render
 from unshutter.motion.verdict import judge
 from unshutter.options import MIN_CONFIDENCE, Neighbours, Rectify, Undo
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS
 from unshutter.reasons import as_stated
+from unshutter.rectification.rectified import render
 
 UNSURE, SURE = Sure(MIN_CONFIDENCE / 2), Sure(0.9)
 

@@ -33,11 +33,11 @@ from scene import Camera, Frame, Plane, draw_scene, photograph, walk
 
 import unshutter
 from unshutter.frames.sequence import CameraMotion
-from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.options import DEFAULT_ESTIMATOR, Clock, FrameModel, Undo
 from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
+from unshutter.rectification.sequences import SequenceOptions, rectify_between
 
 RATIO = 0.9  # readout time / frame interval: 30 ms at 30 frames/s
 _SENSOR_DEG = 0.3  # error of an accelerometer or gimbal

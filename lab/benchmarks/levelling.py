@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unshutter.frames.find import find
 from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Find, Undo
 from unshutter.photo import Photo
+from unshutter.rectification.find import find
 from unshutter_lab.synthesis import panorama
 
 _MOST_ROLL_DEG, _TILT_DEG = 6.0, 8.0

@@ -22,11 +22,11 @@ import numpy as np
 
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.grid import gs_to_rs_map, rs_to_gs_map
-from unshutter.motion.rectified import render
 from unshutter.motion.upright import Pose
 from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
+from unshutter.rectification.rectified import render
 from unshutter.single.estimator import View
 from unshutter.single.methods import find_candidates
 from unshutter.single.register import load

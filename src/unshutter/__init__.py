@@ -23,14 +23,14 @@ from unshutter.version import __version__
 if TYPE_CHECKING:
     from unshutter.api import candidates, estimate, rectify
     from unshutter.frames.sequence import estimate_frames
-    from unshutter.frames.sequence_rectification import RectifiedFrame, rectify_frames
     from unshutter.motion import Motion, RotationMotion, RowMotion
     from unshutter.motion.finding import Candidate, Finding
-    from unshutter.motion.rectified import Rectified
     from unshutter.orientation import ScanDirection
     from unshutter.photo import Photo
     from unshutter.poses.camera_poses import CameraPoses, PicturePoses
     from unshutter.poses.row_poses import camera_poses
+    from unshutter.rectification.rectified import Rectified
+    from unshutter.rectification.sequences import RectifiedFrame, rectify_frames
     from unshutter.single import Method
     from unshutter.single.drawn_lines import DrawnLine
     from unshutter.single.estimator import Estimator, View
@@ -77,10 +77,10 @@ __all__ = [
 _HOMES = {
     "api": ("candidates", "estimate", "rectify"),
     "frames.sequence": ("estimate_frames",),
-    "frames.sequence_rectification": ("RectifiedFrame", "rectify_frames"),
+    "rectification.sequences": ("RectifiedFrame", "rectify_frames"),
     "motion": ("Motion", "RotationMotion", "RowMotion"),
     "motion.finding": ("Candidate", "Finding"),
-    "motion.rectified": ("Rectified",),
+    "rectification.rectified": ("Rectified",),
     "orientation": ("ScanDirection",),
     "photo": ("Photo",),
     "poses.camera_poses": ("CameraPoses", "PicturePoses"),

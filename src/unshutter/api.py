@@ -8,15 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from unshutter.errors import UsageError
-from unshutter.frames.find import find
 from unshutter.motion import Motion
 from unshutter.motion.finding import Candidate, Finding
-from unshutter.motion.rectified import Rectified, render
 from unshutter.motion.verdict import judge
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Find, Moving, Reference, Undo, Upright
 from unshutter.options.fields import check_type, implemented_by
 from unshutter.photo import Photo
 from unshutter.photo.photo import PhotoLike, check_size, open_photo
+from unshutter.rectification.find import find
+from unshutter.rectification.rectified import Rectified, render
 from unshutter.single.drawn_lines import DrawnLine, StraightenedLines, motion_from_lines, read_lines
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.network import SegmentNetwork

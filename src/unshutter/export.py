@@ -21,7 +21,6 @@ import numpy as np
 
 from unshutter import version
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.find import find as find_motion
 from unshutter.motion import Motion
 from unshutter.motion.finding import Finding
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
@@ -30,6 +29,7 @@ from unshutter.options import MAX_PIXELS, Find, Reference, Undo
 from unshutter.photo.embedded_video import videos_beside
 from unshutter.photo.libvips import libvips, refusing
 from unshutter.photo.photo import open_photo
+from unshutter.rectification.find import find as find_motion
 from unshutter.single.register import weights_file
 from unshutter.storage.files import check_target, read_text, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles

@@ -8,7 +8,19 @@ import pytest
 import unshutter
 
 HERE = Path(unshutter.__file__).parent
-ROOMS = ("api.py", "frames", "motion", "options", "page", "photo", "run/plan.py", "single", "storage", "video")
+ROOMS = (
+    "api.py",
+    "frames",
+    "motion",
+    "options",
+    "page",
+    "photo",
+    "rectification",
+    "run/plan.py",
+    "single",
+    "storage",
+    "video",
+)
 _SENTENCE = r"(?:str\((?:error|reason|told|message)\)|(?:\w+\.)*(?:reason|message|why))"
 _LOOKS = re.compile(
     rf"\bin {_SENTENCE}(?!\.?\w|\()"  # "words" in str(error)

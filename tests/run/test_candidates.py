@@ -28,7 +28,7 @@ class Torn(Sure):
 @pytest.fixture
 def photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     make_photos(tmp_path, ["torn.png"])
-    for place in ("run.ahead", "frames.find"):
+    for place in ("run.ahead", "rectification.find"):
         monkeypatch.setattr(f"unshutter.{place}.load", lambda name: Torn(0.01))
     return tmp_path / "torn.png"
 

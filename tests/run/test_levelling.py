@@ -10,11 +10,11 @@ import pytest
 
 from support.batches import rectify
 from unshutter.cli import main
-from unshutter.frames.find import find
 from unshutter.motion.verdict import Verdict, judge
 from unshutter.options import Find, Undo
 from unshutter.page.sentences import verdict_json
 from unshutter.photo import Photo
+from unshutter.rectification.find import find
 
 
 def turned(pixels: np.ndarray, roll_deg: float) -> np.ndarray:

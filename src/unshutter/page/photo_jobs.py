@@ -16,8 +16,6 @@ import numpy as np
 
 from unshutter.api import motion_of_lines
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.find import find as find_motion
-from unshutter.frames.sequence_rectification import rectify_between, with_ratio
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.edges import EdgeDecision, EdgePolicy, valid_window
 from unshutter.motion.finding import Candidate, Finding
@@ -34,6 +32,8 @@ from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import JsonObject, MotionSource, rounded
+from unshutter.rectification.find import find as find_motion
+from unshutter.rectification.sequences import rectify_between, with_ratio
 from unshutter.run.bursts import look_like_bursts
 from unshutter.run.work import Job, finish_job, sequence_options
 from unshutter.single.drawn_lines import DrawnLine

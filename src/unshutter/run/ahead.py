@@ -123,8 +123,8 @@ def _open(place: Place, wanted: Wanted) -> Photo:
 
 def _judge(photo: Photo, estimator: Estimator | None, wanted: Wanted) -> Verdict:
     """Returns the verdict on the motion found in a photo, and starts decoding its pixels if they are needed."""
-    from unshutter.frames.find import find
     from unshutter.motion.verdict import judge
+    from unshutter.rectification.find import find
 
     assert estimator is not None
     assert wanted.find is not None

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.frames.sequence import FrameMotion
-    from unshutter.frames.sequence_rectification import RectifiedFrame, SequenceOptions
     from unshutter.motion.finding import Finding
-    from unshutter.motion.rectified import Rectified, Result
     from unshutter.motion.verdict import Verdict
     from unshutter.readout_time import ReadoutRatio
+    from unshutter.rectification.rectified import Rectified, Result
+    from unshutter.rectification.sequences import RectifiedFrame, SequenceOptions
 
 
 SHEET_PX = 320  # long side of each picture of a sheet
@@ -75,7 +75,7 @@ class Outcome:
 
     error: UnshutterError | None = None  # None: success
     note: str = ""  # further information for the user
-    model: str = ""  # motion model used for a photo with neighbours (frames/sequence_rectification.py); otherwise empty
+    model: str = ""  # motion model used for a photo with neighbours (rectification/sequences.py); otherwise empty
     verdict: Verdict | None = None  # whether the photo was changed, and why not
     edges: Edges | None = None  # how areas that the photo did not see were handled; None: unchanged
     ratio: ReadoutRatio | None = None  # readout ratio that was found, or taken, from a photo's neighbours
@@ -161,7 +161,7 @@ def _begin(job: Job, request: Rectify, given: Finding | None, ahead: Iterable[Ah
 
 def _write_all(result: Result, job: Job, save: Save) -> tuple[Written, ...]:
     """Writes the files that come of a photo, and removes others that a run with other options left."""
-    from unshutter.motion.rectified import write
+    from unshutter.rectification.rectified import write
 
     targets = [target for kind in _kinds_of(result, save) if (target := job.target(kind)) is not None]
     may_replace = [_may_replace(job, target) for target in targets]
@@ -196,8 +196,8 @@ def _name_group(place: Place, photo: Photo) -> str:
 
 def _rectify_alone(begun: Ahead, job: Job, request: Rectify, given: Finding | None) -> Rectified:
     """Rectifies a photo by itself, or with the motion that its burst shows, or with that given for all photos."""
-    from unshutter.motion.rectified import render
     from unshutter.motion.verdict import judge
+    from unshutter.rectification.rectified import render
 
     photo = begun.photo
     if given is not None:
@@ -212,7 +212,7 @@ def _rectify_alone(begun: Ahead, job: Job, request: Rectify, given: Finding | No
 
 def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
     """Rectifies a photo with the help of its neighbours."""
-    from unshutter.frames.sequence_rectification import rectify_between, rectify_by_camera
+    from unshutter.rectification.sequences import rectify_between, rectify_by_camera
 
     neighbours = request.neighbours
     options = sequence_options(request)
@@ -235,7 +235,7 @@ def _rectify_between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame
 
 def sequence_options(request: Rectify) -> SequenceOptions:
     """Returns the options for rectifying a photo with the help of its neighbours."""
-    from unshutter.frames.sequence_rectification import SequenceOptions
+    from unshutter.rectification.sequences import SequenceOptions
 
     camera = request.find.camera
     return SequenceOptions(

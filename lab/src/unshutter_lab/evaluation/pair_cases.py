@@ -15,11 +15,11 @@ from typing import cast
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
 from unshutter.motion.finding import Finding
 from unshutter.options import Clock, FrameModel, Reference, Undo
 from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
+from unshutter.rectification.sequences import SequenceOptions, rectify_between
 from unshutter.run.inputs import PHOTO_SUFFIXES, RECTIFIED
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.case import (

@@ -13,8 +13,6 @@ from typing import Literal
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
-from unshutter.frames.borrowing import borrow
-from unshutter.frames.find import find
 from unshutter.frames.frame import Frame, pixels_like
 from unshutter.frames.frame_motion import Timing
 from unshutter.frames.model_choice import better_model
@@ -24,7 +22,6 @@ from unshutter.frames.usual_ratio import FEW, usual_ratio
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.edges import EdgePolicy, valid_window
 from unshutter.motion.finding import Finding
-from unshutter.motion.rectified import Rectified, Result, render
 from unshutter.motion.verdict import Verdict, judge
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Reference, Undo, model_for
 from unshutter.options.fields import for_python, from_keywords
@@ -33,6 +30,9 @@ from unshutter.photo import Photo
 from unshutter.photo.photo import PhotoLike, files_behind, open_photo
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Cause, MotionSource
+from unshutter.rectification.borrowing import borrow
+from unshutter.rectification.find import find
+from unshutter.rectification.rectified import Rectified, Result, render
 from unshutter.storage.opened import Opened
 
 Model = Literal["camera", "dense", "alone"]
