@@ -26,9 +26,9 @@ from pathlib import Path
 FLOOR = """
 import sys
 import av, cv2, numpy as np
-from unshutter.video.ahead import ahead
-from unshutter.video.frame_warper import side_by_side
-from unshutter.video.pixels import PixelFormat
+from unshutter.video.file.ahead import ahead
+from unshutter.video.render.frame_warper import side_by_side
+from unshutter.video.file.pixels import PixelFormat
 
 cv2.setNumThreads(1)
 source, out, preset, threads = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
@@ -68,13 +68,13 @@ import resource, sys
 import cv2
 from contextlib import closing
 from unshutter.readout_time import ReadoutTime
-from unshutter.video.camera import ClipCamera, find_camera
-from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import read_clip_facts
+from unshutter.video.calibrate.camera import ClipCamera, find_camera
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.clip_facts import read_clip_facts
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_warper import Warper
+from unshutter.video.render.frame_warper import Warper
 from unshutter.video.plan import Undo
-from unshutter.video.rendering import Rendering
+from unshutter.video.render.rendering import Rendering
 from unshutter.options.clip_options import ClipUndo, Encode, RectifyClip, Shutter
 
 cv2.setNumThreads(1)

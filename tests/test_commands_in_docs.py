@@ -27,7 +27,7 @@ from support.walking_camera import WalkingCamera
 from unshutter.cli import command_named, main
 from unshutter.cli.arguments import parse
 from unshutter.motion import RowMotion
-from unshutter.video.gyro_log import GyroLog
+from unshutter.video.gyro.gyro_log import GyroLog
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE, EXAMPLE_MOTION = ROOT / "examples" / "demo.jpg", ROOT / "examples" / "demo.motion.json"
@@ -58,7 +58,7 @@ SKIPPED = {
     "unshutter evaluate": "measures on pictures that are not in the repository: lab/tests/evaluation draws some",
     "unshutter synthesize photos/ -o pairs/ --motion trajectory": "needs a recorded trajectory: lab/tests/synthesis",
     "unshutter synthesize house.jpg -o film/": "needs a recorded trajectory: lab/tests/synthesis",
-    "unshutter video ride.mp4": "needs the calibration of a lens: tests/video/test_lenses.py writes some",
+    "unshutter video ride.mp4": "needs the calibration of a lens: tests/video/calibrate/test_lenses.py writes some",
     "unshutter rectify street.jpg --estimator kandula2020@runs": "needs a trained network",
     "unshutter rectify street.jpg --estimator kandula2020-research@runs": "needs a trained network",
 }

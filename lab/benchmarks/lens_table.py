@@ -1,4 +1,4 @@
-"""Writes the table of lenses, ``src/unshutter/video/lenses.csv``, from lens profiles of Gyroflow's collection (CC0).
+"""Writes the table of lenses, ``video/calibrate/lenses.csv``, from lens profiles of Gyroflow's collection (CC0).
 
     python lab/benchmarks/lens_table.py lens_profiles.csv
 
@@ -17,9 +17,9 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.lens import Lens
-from unshutter.video.cameras import _KINDS
+from unshutter.video.calibrate.cameras import _KINDS
 
-TARGET = Path(__file__).parents[2] / "src" / "unshutter" / "video" / "lenses.csv"
+TARGET = Path(__file__).parents[2] / "src" / "unshutter" / "video" / "calibrate" / "lenses.csv"
 K = ["k1", "k2", "k3", "k4"]
 ALIKE, MOST_RMS = 0.03, 3.0  # share of the corner's angle; px
 HEAD = """\

@@ -33,7 +33,7 @@ from stability import measured
 
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import follow
-from unshutter.video.gain import TALL, wobble
+from unshutter.video.calibrate.gain import TALL, wobble
 from unshutter_lab.evaluation.clip_wobble import grey_frames
 from unshutter_lab.evaluation.real_clips import straighten
 

@@ -205,8 +205,8 @@ NOT_FOLLOWED = {
     "contains an old-style JPEG": "another program converts the photo",
     "is too large for": "a picture with a side of more than 16,383 px",
     "cannot process the pixel format": "another program converts the clip",
-    "could be : give the full name": "a camera with several lenses: tests/video/test_cameras.py",
-    "name one with --lens": "the clip of a wide lens: tests/video/test_lenses.py",
+    "could be : give the full name": "a camera with several lenses: tests/video/calibrate/test_cameras.py",
+    "name one with --lens": "the clip of a wide lens: tests/video/calibrate/test_lenses.py",
     "is from an earlier version and lacks the turns": "a file of an earlier version",
     "is damaged: use the intact part": "a clip that is damaged in its middle",
 }

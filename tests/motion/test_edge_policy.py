@@ -25,7 +25,7 @@ from unshutter.page import photo_jobs as screen
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
 from unshutter.photo import Photo
-from unshutter.video.frame_warper import Warper, common_window
+from unshutter.video.render.frame_warper import Warper, common_window
 
 SIZE = (100, 200)
 

@@ -27,7 +27,7 @@ from unshutter.page.app import application
 from unshutter.page.opened import OpenFile, ProgressFile
 from unshutter.page.settings import Settings, fields, read_clip
 from unshutter.reasons import Code
-from unshutter.video import camera, gain
+from unshutter.video.calibrate import camera, gain
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 RATIO = {"readout-ratio": "0.6", "focal-px": str(clips.FOCAL)}

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 
-from unshutter.video.mp4 import box
+from unshutter.video.file.mp4 import box
 
 
 def entry(key, kind, content, size=1):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from unshutter.video.gyro_log import GRAVITY, GyroLog, Pair
+from unshutter.video.gyro.gyro_log import GRAVITY, GyroLog, Pair
 
 # Device axes (columns) in the camera's (right, down, forward): x up, y back, z right.
 AXES = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

@@ -18,10 +18,10 @@ from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras
-from unshutter.video.cameras import CameraMode
+from unshutter.video.calibrate import cameras
+from unshutter.video.calibrate.cameras import CameraMode
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_warper import Warper
+from unshutter.video.render.frame_warper import Warper
 
 FRAMES = 16
 CAMERA, GREYS = clips.moving(FRAMES)

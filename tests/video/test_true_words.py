@@ -10,10 +10,10 @@ from unshutter.frames.tracks import Tracks, background
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import read_clip_facts
-from unshutter.video.clip_motion import grey_copies
+from unshutter.video.calibrate.camera_path import grey_copies
 from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.clip_facts import read_clip_facts
 
 
 def test_a_camera_that_moves_gently_does_not_stand_still(tmp_path, straighten):

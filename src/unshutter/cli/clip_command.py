@@ -21,11 +21,11 @@ from unshutter.version import extra
 
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
-    from unshutter.video.clip_gyro import ClipGyro
-    from unshutter.video.enlargement import Enlargement
-    from unshutter.video.measurement import ClipMeasurement
+    from unshutter.video.calibrate.clip_gyro import ClipGyro
+    from unshutter.video.calibrate.measurement import ClipMeasurement
     from unshutter.video.outcome import ClipOutcome
-    from unshutter.video.stabilisation import Stabilisation
+    from unshutter.video.render.enlargement import Enlargement
+    from unshutter.video.render.stabilisation import Stabilisation
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ def _measure(arguments: Measure) -> int:
     for name in arguments.clip:
         if Path(name).suffix.lower() in PHOTO_SUFFIXES:
             raise UsageError(f"{name} is a photo: only clips show their readout time")
-    from unshutter.video.measurement import measure_clips
+    from unshutter.video.calibrate.measurement import measure_clips
 
     options = arguments.options
     found = measure_clips(arguments.clip, one_camera=options.one_camera, start=options.start, end=options.end)

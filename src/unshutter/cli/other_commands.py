@@ -193,7 +193,7 @@ class Cameras:
 
 def _cameras(arguments: Cameras) -> int:
     """Prints the list of cameras, of the modes of those that have a word in their name, or of lenses."""
-    from unshutter.video import cameras, lenses
+    from unshutter.video.calibrate import cameras, lenses
 
     word = " ".join(arguments.word)
     has_modes = bool(cameras.named(cameras.table(), word))

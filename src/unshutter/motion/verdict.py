@@ -15,6 +15,7 @@ from unshutter.motion.motion import Motion
 from unshutter.motion.shapes import Float64
 from unshutter.motion.upright import Angle, Pose
 from unshutter.options import MIN_CONFIDENCE, Undo, Upright, check_time
+from unshutter.options.clip_options import ClipUndo
 from unshutter.reasons import (
     Cause,
     Code,
@@ -345,3 +346,8 @@ def _turn_upright(verdict: Verdict, wish: Upright) -> Verdict:
     if upright.largest_px(found.motion.height, found.motion.width) < LEAST_PX:  # it is upright already
         return verdict
     return replace(verdict, upright=upright)
+
+
+def undone_part(motion: Motion, undo: ClipUndo) -> Motion:
+    """Returns the part of a frame's motion that is undone, at the reference row."""
+    return motion.rereferenced(undo.reference).scaled(undo.strength)

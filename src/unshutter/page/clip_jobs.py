@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.camera import ClipCamera
-    from unshutter.video.clip import ClipRequest
-    from unshutter.video.clip_facts import ClipFacts
-    from unshutter.video.clip_motion import MovingFrame
+    from unshutter.video.calibrate.camera import ClipCamera
+    from unshutter.video.calibrate.sampled_frames import SampledFrames
+    from unshutter.video.file.clip import ClipRequest
+    from unshutter.video.file.clip_facts import ClipFacts
     from unshutter.video.plan import Plan
-    from unshutter.video.survey import SampledFrames
+    from unshutter.video.render.clip_motion import MovingFrame
 
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
 _EXCERPT_S = 8.0  # longest video
@@ -53,7 +53,7 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
     ``moment`` counts the moments from 0, evenly spaced; ``longest`` is the longer side [px], or None for full size.
     """
-    from unshutter.video.encoders import writable
+    from unshutter.video.file.encoders import writable
 
     with _look(open_file) as clip:
         moments_s = [_moment_time(clip, options, k) for k in range(MOMENTS)]
@@ -73,10 +73,10 @@ def after(
     that would be cropped are kept, and the frame is enlarged as far as it needs itself: the area common to all frames
     is known only once the whole clip has been read.
     """
-    from unshutter.video.enlargement import Enlargement
-    from unshutter.video.frame_warper import Warper
-    from unshutter.video.pixels import of_file
-    from unshutter.video.stabilisation import CameraPath
+    from unshutter.video.file.pixels import of_file
+    from unshutter.video.render.enlargement import Enlargement
+    from unshutter.video.render.frame_warper import Warper
+    from unshutter.video.render.stabilisation import CameraPath
 
     with _look(open_file) as clip:
         edges = options.undo.edges
@@ -101,7 +101,7 @@ def after(
 
 def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObject:
     """Returns the readout time of a clip's camera, its error and its source, and the clip's wobble as JSON."""
-    from unshutter.video.clip import ClipRequest
+    from unshutter.video.file.clip import ClipRequest
 
     with _look(open_file) as clip:
         request = _as_usual(ClipRequest.of(clip, options, progress_of(open_file)))
@@ -149,7 +149,7 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 @contextmanager
 def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
     """Looks at the clip; errors in the block refer to files by names that the user recognises."""
-    from unshutter.video.clip_facts import read_clip_facts
+    from unshutter.video.file.clip_facts import read_clip_facts
 
     with errors_of(open_file):
         yield read_clip_facts(open_file.path)
@@ -157,9 +157,9 @@ def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
 
 def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, SampledFrames, float | None]:
     """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble: found once, and kept."""
-    from unshutter.video.camera import find_camera, parts_to_survey
-    from unshutter.video.clip_gyro import log_of_clip
-    from unshutter.video.readout import wobble_in_survey
+    from unshutter.video.calibrate.camera import find_camera, parts_to_survey
+    from unshutter.video.calibrate.clip_gyro import log_of_clip
+    from unshutter.video.calibrate.readout_time import wobble_in_survey
 
     def find() -> tuple[ClipCamera, SampledFrames, float | None]:
         camera, evidence = find_camera(request)
@@ -195,7 +195,7 @@ def _as_usual(request: ClipRequest) -> ClipRequest:
 
 def _shown_plan(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Plan]:
     """Returns a clip's camera, and the plan by which its moments and videos are shown."""
-    from unshutter.video.gain import is_tested
+    from unshutter.video.calibrate.gain import is_tested
     from unshutter.video.plan import Leave, Undo
 
     _, camera, plan = _planned(open_file, _as_usual(request))
@@ -223,10 +223,11 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import RowMotion
     from unshutter.motion.finding import Finding
-    from unshutter.video.camera import ClipCamera, time_without_search
-    from unshutter.video.clip import ClipRequest
-    from unshutter.video.clip_motion import ROWS, MovingFrame, with_motion
+    from unshutter.video.calibrate.camera import ClipCamera, time_without_search
+    from unshutter.video.file.clip import ClipRequest
+    from unshutter.video.file.row_samples import ROWS
     from unshutter.video.plan import Leave, Undo
+    from unshutter.video.render.clip_motion import MovingFrame, with_motion
 
     request = ClipRequest.of(clip, options)
     if usual:
@@ -250,7 +251,7 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
 
 def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.ndarray:
     """Returns the [H, W, 3] RGB pixels of a frame, turned upright as another frame states."""
-    from unshutter.video.pixels import upright
+    from unshutter.video.file.pixels import upright
 
     scale = 1.0 if longest is None else min(longest / max(frame.height, frame.width), 1.0)
     height, width = (max(2, round(side * scale)) for side in (frame.height, frame.width))
@@ -267,13 +268,13 @@ def _pairs(
     import numpy as np
 
     from unshutter.motion.edges import EdgePolicy
-    from unshutter.video.clip import ClipRequest
-    from unshutter.video.frame_map import FrameMap, blacken, warp_plane
-    from unshutter.video.frame_warper import Warper
-    from unshutter.video.pixels import of_file, upright
+    from unshutter.video.file.clip import ClipRequest
+    from unshutter.video.file.pixels import of_file, upright
+    from unshutter.video.file.work import Stage
     from unshutter.video.plan import Undo
-    from unshutter.video.rendering import Rendering, expected, with_hidden_borders, with_steady_views
-    from unshutter.video.work import Stage
+    from unshutter.video.render.frame_map import FrameMap, blacken, warp_plane
+    from unshutter.video.render.frame_warper import Warper
+    from unshutter.video.render.rendering import Rendering, expected, with_hidden_borders, with_steady_views
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
     # what would be cropped is black: the area common to all frames is known only once the whole clip has been read
@@ -308,7 +309,7 @@ def _pairs(
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:
-    from unshutter.video.video_writer import encode_pairs
+    from unshutter.video.file.video_writer import encode_pairs
 
     # a sixth of the work of VP8's fastest setting; keyframes are frequent enough for scrubbing
     settings = {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "g": "15", "crf": _QUALITY, "b": "0"}

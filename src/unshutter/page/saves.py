@@ -223,7 +223,7 @@ def photo_result(name: str, format: str | None) -> str:
 
 def clip_result(name: str) -> str:
     """Returns the name of a clip's result: ``walk.rectified.mp4``."""
-    from unshutter.video.video_writer import check_ending
+    from unshutter.video.file.video_writer import check_ending
 
     pure = PurePosixPath(name)
     try:

@@ -20,7 +20,7 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
 from unshutter.reasons import JsonObject
 from unshutter.single.register import names
-from unshutter.video.cameras import table
+from unshutter.video.calibrate.cameras import table
 
 T = TypeVar("T")
 

@@ -18,7 +18,7 @@ from unshutter.motion.shapes import Float64
 from unshutter.orientation import ScanDirection
 from unshutter.reasons import Reason
 from unshutter.run.inputs import motion_name
-from unshutter.video.motion_file import load_clip_motion
+from unshutter.video.file.motion_file import load_clip_motion
 
 _NUMBER = re.compile(r"(\d+)\D*$")
 _LONGEST_S = 1.0  # between pictures from whose poses a speed is taken

@@ -24,14 +24,14 @@ from unshutter.options.fields import check_time, for_python, from_keywords, impl
 from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
-from unshutter.video.array_clip import ArrayClip, FirstFrames
-from unshutter.video.clip import ClipRequest
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_warper import Warper
+from unshutter.video.file.array_clip import ArrayClip, FirstFrames
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.pixels import ArrayFrame
 from unshutter.video.outcome import ClipOutcome
-from unshutter.video.pixels import ArrayFrame
 from unshutter.video.plan import Leave, Plan, make_plan
-from unshutter.video.rendering import Rendering, with_hidden_borders, with_steady_views
+from unshutter.video.render.frame_warper import Warper
+from unshutter.video.render.rendering import Rendering, with_hidden_borders, with_steady_views
 
 _USUAL_RATE = 30.0  # frames per second
 _FOR_READOUT, _FOR_LENS = 240, 80  # frames of an iterator that are examined for the readout time, or only for the lens

@@ -21,17 +21,20 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
 from unshutter.storage.locations import RunFiles, place
-from unshutter.video import cameras, mp4, video_writer
-from unshutter.video.camera import ClipCamera
-from unshutter.video.clip import ClipRequest
-from unshutter.video.clip_facts import ClipFacts, read_clip_facts
-from unshutter.video.encoders import Encoder
-from unshutter.video.frame_warper import NewFrame, Warper, common_window
-from unshutter.video.motion_file import MotionWriter
+from unshutter.video.calibrate import cameras
+from unshutter.video.calibrate.camera import ClipCamera
+from unshutter.video.file import mp4, video_writer
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
+from unshutter.video.file.encoders import Encoder
+from unshutter.video.file.motion_file import MotionWriter
+from unshutter.video.file.pixels import of_file
+from unshutter.video.file.video_writer import VideoWriter, fitted, holds_covers, start_of, writing
+from unshutter.video.file.work import Stage
 from unshutter.video.outcome import ClipOutcome, Tally
-from unshutter.video.pixels import of_file
 from unshutter.video.plan import NO_FRAMES, Leave, Plan, Undo, make_plan
-from unshutter.video.rendering import (
+from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
+from unshutter.video.render.rendering import (
     Rendering,
     expected,
     straight_view,
@@ -40,8 +43,6 @@ from unshutter.video.rendering import (
     with_known_motion,
     with_steady_views,
 )
-from unshutter.video.video_writer import VideoWriter, fitted, holds_covers, start_of, writing
-from unshutter.video.work import Stage
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -209,7 +210,7 @@ def _copy(rendering: Rendering, output: _Output, plan: Leave) -> _Written:
             for moving in watched(rendering):
                 tally.add(moving)
                 if motions is not None:
-                    motions.add(moving)
+                    motions.add(*moving.record)
         else:
             tally.frames = plan.frames
             tally.reasons[plan.reason] = plan.frames
@@ -286,7 +287,7 @@ def _write_frames(
     for frame in frames:
         tally.add(frame.source)
         if motions is not None:
-            motions.add(frame.source)
+            motions.add(*frame.source.record)
         steps.advance()
         writer.add_frame(of_file(frame.picture))
     if not tally.frames:

@@ -17,13 +17,13 @@ from unshutter.motion.lens import Lens
 from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
-from unshutter.video.clip_motion import MovingFrame
+from unshutter.video.render.clip_motion import MovingFrame
 
 if TYPE_CHECKING:
     from unshutter.options import FrameModel
-    from unshutter.video.clip_gyro import ClipGyro
-    from unshutter.video.enlargement import Enlargement
-    from unshutter.video.stabilisation import Stabilisation
+    from unshutter.video.calibrate.clip_gyro import ClipGyro
+    from unshutter.video.render.enlargement import Enlargement
+    from unshutter.video.render.stabilisation import Stabilisation
 
 
 _GAP, _GAP_S = 10, 1.0  # longer gaps between frames, in frame intervals and seconds, are reported

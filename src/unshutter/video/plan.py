@@ -8,13 +8,13 @@ from typing import TypeAlias
 from unshutter.errors import UnshutterError
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video import gain
-from unshutter.video.camera import ClipCamera, find_camera
-from unshutter.video.clip import ClipRequest
-from unshutter.video.motion_file import ClipMotion, load_clip_motion
-from unshutter.video.readout import too_little_to_see
-from unshutter.video.survey import SampledFrames, sample_frames
-from unshutter.video.work import Stage
+from unshutter.video.calibrate import gain
+from unshutter.video.calibrate.camera import ClipCamera, find_camera
+from unshutter.video.calibrate.readout_time import too_little_to_see
+from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.motion_file import ClipMotion, load_clip_motion
+from unshutter.video.file.work import Stage
 
 NO_FRAMES = "{clip} has no frames in this part"
 

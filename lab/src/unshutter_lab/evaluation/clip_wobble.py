@@ -1,9 +1,9 @@
 """How much a clip wobbles, by tracks that ``unshutter video`` does not use, and how sharp it is.
 
 Tracks are corners of copies of at most 960 px, followed forwards and back, of which most agree with an affine motion.
-From them follow the readout ratio, by regression (``unshutter.video.readout_regression``), and the wobble: skew and
-stretch from frame to frame at the first and last rows, apart from what depth adds, which is a constant and a share of
-the speed.
+From them follow the readout ratio, by regression (``unshutter.video.calibrate.readout_regression``), and the wobble:
+skew and stretch from frame to frame at the first and last rows, apart from what depth adds, which is a constant and a
+share of the speed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import open_to_read
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.shapes import Float64, UInt8
-from unshutter.video.readout_regression import PairMotion, Regression, Run, regression
+from unshutter.video.calibrate.readout_regression import PairMotion, Regression, Run, regression
 
 _LONG_SIDE = 960  # px, of the copies
 _CORNERS, _FEWEST = 700, 40

@@ -1,0 +1,81 @@
+"""How the camera's path over a clip is estimated: from small copies of its frames, in windows that fit into memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from unshutter.frames.frame_motion import FrameMotion
+from unshutter.frames.self_calibration import GreyFrame
+from unshutter.frames.sequence import CameraMotion, Window
+from unshutter.motion.finding import Finding
+from unshutter.readout_time import ReadoutTime
+from unshutter.video.calibrate.scene_check import SceneCheck
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.pixels import Frame
+from unshutter.video.file.row_samples import GYRO_ROWS, ROWS
+from unshutter.video.file.work import Stage
+from unshutter.video.gyro.synchronisation import GyroRotations
+
+COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
+FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
+_WAITING = (8, 40)  # fewest and most frames awaiting their motion: those of a window, and of its margin ahead
+_AHEAD = 4  # fewest frames of a margin
+_IN_MEMORY = 72_000_000  # bytes of frames awaiting their motion
+
+
+def window_for(size: float) -> Window:
+    """Returns the window for estimating motion that memory allows for a frame size [bytes]."""
+    waiting = int(min(max(_IN_MEMORY / size, _WAITING[0]), _WAITING[1]))
+    ahead = min(Window.ahead, max(2 * waiting // 5, _AHEAD))
+    return Window(core=waiting - ahead, ahead=ahead)
+
+
+def camera_motion(
+    request: ClipRequest,
+    time: ReadoutTime,
+    gyro_rotations: GyroRotations | None = None,
+    keep_out: int | None = None,
+    focal_px: float | None = None,
+    stage: Stage = Stage.FIT,
+) -> CameraMotion:
+    """Returns what estimates the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`.
+
+    Args:
+        stage: as what its fits are counted.
+    """
+    focal_px = focal_px or (request.focal and request.focal * request.frame_size[0])
+    if focal_px is None and gyro_rotations is not None:
+        focal_px = gyro_rotations.focal_px(request.frame_size[0])
+    return CameraMotion(
+        ratio=time.ratio(request.clip.interval_s),
+        focal_px=focal_px,
+        scan_direction=request.scan_direction,
+        window=window_for(request.clip.frame_bytes),
+        fewest=FEWEST,
+        known_rotations=gyro_rotations,
+        whole_path=True,
+        keep_out=keep_out,
+        lens=request.lens,
+        check=SceneCheck.of(time, request.clip.interval_s),
+        count=request.work.counts(stage),
+    )
+
+
+def grey_copies(request: ClipRequest, frames: Iterable[Frame]) -> Iterator[GreyFrame | None]:
+    """Yields the small copies of frames in which corners are tracked, and None where frames are missing."""
+    before = None
+    for frame in frames:
+        since = request.clip.since(before, frame)
+        if since is None:
+            yield None
+        grey, size = request.grey(frame, COPY_SIDE), request.scan_direction.frame_size(frame.height, frame.width)
+        yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=frame.time or 0.0)
+        before = frame
+
+
+def small_finding(motion: FrameMotion) -> Finding:
+    """Returns the motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
+    rows = ROWS if motion.rotations is None else GYRO_ROWS
+    width = max(1, round(motion.width * rows / motion.height))
+    return replace(motion, height=rows, width=width).finding()

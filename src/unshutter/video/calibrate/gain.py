@@ -1,0 +1,344 @@
+"""What undoing a clip's motion gains, as its own frames show it: on tracks that are kept out of the fit.
+
+A global shutter's tracks between two frames follow the camera's rotation and a change of scale; what is left is wobble.
+Undoing the motion moves both ends of each track. If it moved as estimated, less is left. If it moved evenly, all frames
+are sheared alike, which no two of them show.
+
+That alone falls with any readout time, even with one of the wrong sign, since a path can imitate any motion that
+depends on the row. Two things cannot be imitated. A frame leans by half the readout ratio times the camera's speed. And
+what is skewed and stretched from frame to frame, apart from what depth adds, is the wobble that people see: its largest
+steps must not grow, and none may appear where there were none.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from unshutter.frames.camera import ROWS, student_weights, track_jacobian
+from unshutter.frames.frame_motion import AT_REST, FrameMotion
+from unshutter.frames.self_calibration import usual_focal
+from unshutter.frames.tracks import Tracks
+from unshutter.motion import Motion
+from unshutter.motion.shapes import Float64
+from unshutter.motion.verdict import undone_part
+from unshutter.options.clip_options import ClipUndo, RectifyClip
+from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code, Reason
+from unshutter.video.calibrate.camera_path import camera_motion, small_finding, window_for
+from unshutter.video.calibrate.readout_regression import PairMotion, fit_robustly
+from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame, tracked_copies
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.work import Stage, Steps
+from unshutter.video.gyro.synchronisation import GyroRotations
+
+_HELD_OUT = 4  # every fourth track
+RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
+ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
+_MIN_TRACKS, _MIN_PAIRS = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
+TALL = 1080  # px: displacements are judged in a picture whose short side has this many
+_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
+_BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
+_SURE, SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
+_EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
+_PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
+_SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
+_ROUNDS = 4  # of reweighting
+_MIN_STEPS = 15  # pairs of frames, below which their steps say nothing
+_MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
+_FOLLOWS = 0.5  # least correlation of the lean with the speed
+_MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
+SOLVED = 11  # how often a pair of frames is part of a fit, usually
+_LARGE = 95  # percentile of the steps
+
+
+@dataclass(frozen=True)
+class StepSizes:
+    """How much frames are skewed and stretched against the previous ones, apart from what depth adds [px]."""
+
+    rms: float  # root mean square, at the top and bottom rows
+    usual: float  # 95th percentile
+    largest: float
+
+    @classmethod
+    def of(cls, shapes: Float64[np.ndarray, "pairs 2"], speeds: Float64[np.ndarray, "pairs 2"]) -> StepSizes:
+        """Returns the sizes for skew and stretch of each pair of frames, and the picture's speed."""
+        own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
+        left = np.stack([fit_robustly(shape, own)[2] for shape in shapes.T], axis=1)
+        sizes = np.hypot(*left.T)
+        return cls(float(np.sqrt(2 * np.mean(left**2))), float(np.percentile(sizes, _LARGE)), float(sizes.max()))
+
+    @property
+    def figures(self) -> tuple[float, float, float]:
+        """All of them, in the order in which people see them; where steps are worse, one of them has grown."""
+        return self.rms, self.largest, self.usual
+
+    def is_worse_than(self, other: StepSizes, slack: float) -> bool:
+        """Whether large steps are larger than others, by more than a tenth and some slack [px].
+
+        Where the others are twice as large in general, a single step may be somewhat larger.
+        """
+        once = _MAY_GROW_ONCE if self.usual < other.usual / 2 else _MAY_GROW
+        grows = self.usual > _MAY_GROW * other.usual + slack or self.largest > once * other.largest + slack
+        return grows or self.rms > max(other.rms, slack)
+
+
+@dataclass(eq=False)
+class FrameSteps:
+    """Frames in order, as they were and as they are when their motion is undone."""
+
+    rows: int = 1080  # of the copies in which tracks were found; pixels are theirs
+    _pairs: list[tuple[PairMotion, PairMotion] | None] = field(default_factory=list)  # before and after
+    _leans: list[Float64[np.ndarray, "2"]] = field(default_factory=list)
+
+    def add(self, before: PairMotion | None, after: PairMotion | None, lean: Float64[np.ndarray, "2"]) -> None:
+        """Adds a frame.
+
+        Args:
+            before: motion of the picture since the previous frame; None if it is unknown, or there is none.
+            after: the same, with the motion undone.
+            lean: displacement of the frame's last row against its middle (across, down) that is undone [heights of
+                the frame].
+        """
+        self._pairs.append(None if before is None or after is None else (before, after))
+        self._leans.append(lean)
+
+    @property
+    def sizes(self) -> tuple[StepSizes, StepSizes] | None:
+        """Sizes of the steps before and after; None if there are too few."""
+        known = [pair for pair in self._pairs if pair is not None]
+        if len(known) < _MIN_STEPS:
+            return None
+        speeds = np.array([before.shift for before, _ in known])
+        before, after = (StepSizes.of(np.array([pair[k].shape for pair in known]), speeds) for k in range(2))
+        return before, after
+
+    @property
+    def follow(self) -> float:
+        """Correlation of the frames' lean with the picture's speed, about their means' size; NaN if nothing moved."""
+        leans = []
+        speeds = []
+        for k in range(len(self._pairs) - 1):
+            here = self._pairs[k]
+            following = self._pairs[k + 1]
+            if here is not None and following is not None:
+                leans.append(self._leans[k])
+                speeds.append((here[0].shift + following[0].shift) / 2)
+        if len(leans) < _MIN_STEPS:
+            return np.nan
+        lean = np.array(leans)
+        speed = np.array(speeds)
+        size = float(np.sqrt((lean**2).sum() * (speed**2).sum()))
+        moves = float(np.sqrt((speed**2).sum(axis=1).mean())) > _MOVES_PX * self.rows / 1080
+        return float((lean * speed).sum()) / size if size > 0 and moves else np.nan
+
+
+@dataclass(eq=False)
+class Gain:
+    """What undoing the motion changes in the examined frames."""
+
+    frames: int = 0  # number of examined frames
+    short_side: int = TALL  # of the frames [px]
+    # largest displacement in each frame whose motion is known, 0 if the camera stood still [px, of 1080 rows at most]
+    displaced_px: list[float] = field(default_factory=list)
+    reasons: Counter[Reason] = field(default_factory=Counter)  # why frames have no motion to undo, with counts
+    # [pairs] of frames whose motion is undone: by how much the sum of squares that is left of the tracks falls, in
+    # units of their variance
+    gains: list[float] = field(default_factory=list)
+    # [pairs] what is left before and after: root mean square of 90 % of the tracks [px of 1080 rows]
+    wobble_px: list[tuple[float, float]] = field(default_factory=list)
+    steps: FrameSteps = field(default_factory=FrameSteps)  # how the frames follow each other
+    # [pairs] change of the displacement between the two frames, and largest displacement [px of 1080 rows]
+    _changes_px: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """Median gain of the pairs, and its standard deviation, from their scatter."""
+        middle = float(np.median(self.gains))
+        scatter = 1.4826 * float(np.median(np.abs(np.array(self.gains) - middle)))
+        return middle, 1.2533 * scatter / len(self.gains) ** 0.5
+
+    def declined(self, sure: float = _SURE) -> Reason | None:
+        """Returns why the clip is to be left unchanged; None if it is better afterwards, or if no frames can tell.
+
+        Args:
+            sure: standard deviations by which the gain must exceed 0.
+        """
+        if self.frames == self.reasons.total():
+            return self.reasons.most_common(1)[0][0] if self.reasons else None
+        if 2 * len(self.displaced_px) >= self.frames and not is_visible(self.displaced_px):
+            return Reason(Code.NO_VISIBLE_DISTORTION)
+        if self.steps.follow < _FOLLOWS:
+            return Reason.of(Code.LEANS_OTHERWISE, correlation=round(self.steps.follow, 2))
+        sizes = self.steps.sizes
+        if sizes is not None and sizes[1].is_worse_than(sizes[0], _SLACK_PX * self.steps.rows / TALL):
+            own = self.short_side / self.steps.rows  # px of the clip for each of the copies
+            figures = zip(sizes[0].figures, sizes[1].figures, strict=True)
+            before, after = next((was, now) for was, now in figures if now > was)
+            return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
+        if len(self.gains) < _MIN_PAIRS:
+            return None
+        gain, error = self.gain
+        change, displaced = np.median(self._changes_px, axis=0)
+        before, after = map(float, np.median(self.wobble_px, axis=0))
+        if change < _EVEN * displaced or (gain > sure * error and after < _PAYS * before):
+            return None
+        own = self.short_side / TALL  # px of the clip for each of 1080 rows
+        return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
+
+    def add(self, before: FrameMotion | None, motion: FrameMotion, undo: ClipUndo) -> None:
+        """Adds a frame, and the pair of frames that it forms with the previous one."""
+        now = _Undone.of(motion, undo)
+        self.frames += 1
+        self.short_side = min(motion.height, motion.width)
+        if now.reason is not None:
+            self.reasons[now.reason] += 1
+        if now.reason is None or now.reason.code in AT_REST:
+            self.displaced_px.append(float(np.abs(now.grid).max()))
+        if before is None or before.shot != motion.shot or motion.tracks is None:
+            self.steps.add(None, None, now.lean)
+            return
+        was = _Undone.of(before, undo)
+        tracks = motion.tracks
+        undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
+        self.steps.rows = min(tracks.height, tracks.width)
+        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean)
+        tracks, undone = (each.split(_HELD_OUT)[1] for each in (tracks, undone))
+        if len(tracks) < _MIN_TRACKS or (now.reason and was.reason):
+            return
+        focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
+        left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
+        self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
+        self.wobble_px.append((wobble(tracks, focal), wobble(undone, focal)))
+        largest = max(float(np.abs(each.grid).max()) for each in (was, now))
+        self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+
+
+def wobble(tracks: Tracks, focal_px: float) -> float:
+    """Returns what the camera's rotation and a change of scale leave: RMS of 90 % of the tracks [px of 1080 rows]."""
+    squares = np.sort(np.square(_left(tracks, focal_px)).sum(axis=1))
+    usual = float(squares[: max(1, int(0.9 * len(squares)))].mean()) ** 0.5
+    return usual * TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
+
+
+def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
+    """Whether anyone can see that frames are displaced so far [px, but of 1080 rows at most]."""
+    most = np.percentile(displaced_px, _MOST_FRAMES)
+    return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
+
+
+def is_tested(options: RectifyClip) -> bool:
+    """Whether the gain decides on a clip, if the user does not state its readout time."""
+    return options.undo.model == "camera" and 0 < options.undo.strength <= 1
+
+
+def expected(request: ClipRequest, surveyed: int, all_frames: float) -> dict[Stage, int]:
+    """Returns how many items of its stages it takes to judge a clip; none if that is not done.
+
+    Args:
+        surveyed: number of frames that are judged first, unless they are more than enough.
+        all_frames: number of frames of the clip, times how likely all of them are asked.
+    """
+    is_judged = is_tested(request.options) and request.options.shutter.readout_time(request.clip.interval_s) is None
+    first = min(surveyed, ALL) if is_judged else 0
+    further = round(all_frames) if is_judged and request.frames > ALL else 0
+    return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}
+
+
+def gain_of_clip(
+    request: ClipRequest, time: ReadoutTime, gyro_rotations: GyroRotations | None, evidence: SampledFrames
+) -> Gain:
+    """Finds what undoing the motion of a clip gains: from some 60 pairs of its tracked frames or, if these are all
+    frames and it is to be left, from all.
+    """
+    if evidence.is_whole and len(evidence.parts[0]) <= ALL:
+        return _examined(request, time, gyro_rotations, evidence.parts)
+    gain = _examined(request, time, gyro_rotations, evidence.runs(RUNS, RUN))
+    if gain.declined(SURE_OF_FEW) is None or not evidence.is_whole:
+        return gain
+    return _examined(request, time, gyro_rotations, evidence.parts, Stage.JUDGE_ALL)
+
+
+def _examined(
+    request: ClipRequest,
+    time: ReadoutTime,
+    gyro_rotations: GyroRotations | None,
+    parts: Sequence[Sequence[TrackedFrame]],
+    stage: Stage = Stage.JUDGE,
+) -> Gain:
+    """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
+    gain = Gain()
+    focal_px = None
+    frames = sum(map(len, parts))
+    window = window_for(request.clip.frame_bytes)
+    request.work.expect({Stage.SURVEY: 0, stage: SOLVED * frames})
+    steps = Steps(request.work, "judging", frames)
+    for part in parts:
+        before = None
+        finder = camera_motion(request, time, gyro_rotations, _HELD_OUT, focal_px, stage)
+        for motion in finder.motions(tracked_copies(request, part)):
+            gain.add(before, motion, request.options.undo)
+            before = motion
+            steps.advance()
+            request.work.expect_as_before(stage, gain.frames + window.core + window.ahead, frames - gain.frames)
+            if motion.fit is not None:
+                focal_px = motion.fit.focal_px * motion.height / ROWS
+    request.work.expect({stage: 0})
+    return gain
+
+
+@dataclass(frozen=True, eq=False)
+class _Undone:
+    """A frame whose motion is undone."""
+
+    motion: Motion  # of a small picture: the part that is undone
+    reason: Reason | None  # why there is no motion to undo; None if there is
+    grid: Float64[np.ndarray, "points 2"]  # displacements of points spread over the frame [px, of 1080 rows at most]
+
+    @classmethod
+    def of(cls, motion: FrameMotion, undo: ClipUndo) -> _Undone:
+        found = small_finding(motion)
+        size = (motion.height, motion.width)
+        small = found.motion
+        undone = undone_part(small, undo)
+        ends = small.width - 1, small.height - 1
+        col, row = (each.ravel() for each in np.meshgrid(*(np.linspace(0, end, 5) for end in ends)))
+        seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)
+        grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
+        reason = (found.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
+        return cls(undone, reason, np.nan_to_num(grid) * min(TALL, *size) / min(small.height, small.width))
+
+    @property
+    def lean(self) -> Float64[np.ndarray, "2"]:
+        """How far the last row was displaced against the first, half of it (across, down) [heights of the frame]."""
+        if self.reason is not None:
+            return np.zeros(2)
+        middle = (self.motion.width - 1) / 2
+        ends = np.array([[middle, 0.0], [middle, self.motion.height - 1.0]])
+        moved = np.stack(self.motion.rs_to_gs(*ends.T), axis=-1) - ends
+        return (moved[0] - moved[1]) / 2 / self.motion.height
+
+    def seen(self, points: Float64[np.ndarray, "tracks 2"], tracks: Tracks) -> Float64[np.ndarray, "tracks 2"]:
+        """Returns where points of the tracked copy lie once the motion is undone."""
+        if self.reason is not None:
+            return points
+        scale = np.array([self.motion.width / tracks.width, self.motion.height / tracks.height])
+        return (np.stack(self.motion.rs_to_gs(*((points + 0.5) * scale - 0.5).T), axis=-1) + 0.5) / scale - 0.5
+
+
+def _left(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "tracks 2"]:
+    """Returns what the camera's rotation and a change of scale leave of the tracks [px of ROWS rows]."""
+    jacobian, moved = track_jacobian(tracks, focal_px)
+    left = moved
+    for _ in range(_ROUNDS):
+        root = np.sqrt(_weights(np.square(left).sum(axis=1)))[:, None]
+        unknowns = np.linalg.lstsq((jacobian * root[..., None]).reshape(-1, 4), (moved * root).ravel(), rcond=None)[0]
+        left = moved - jacobian @ unknowns
+    return left
+
+
+def _weights(squared: Float64[np.ndarray, "tracks"]) -> Float64[np.ndarray, "tracks"]:
+    return student_weights(squared[None], np.ones((1, len(squared)), bool), np.nan)[0][0]

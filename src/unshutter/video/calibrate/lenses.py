@@ -1,0 +1,433 @@
+"""Finds the lens of a clip: in a file of the user's, in its frames, or in the table of lens profiles.
+
+In the frames, a turn of the camera moves the picture's border by another distance than its middle, and this difference
+tells how the lens bends lines. Between two frames, each track is explained by turns about three axes, which change with
+the row (at most quadratically: this takes the place of the readout time, which is not known yet), and a change of
+scale. What is common to all pairs of frames is the focal length and one number m, the bend of the lens:
+
+    r = tan(sqrt(m) theta) / sqrt(m)
+
+keeps lines straight if m = 1, is stereographic if m = 1/4, equidistant if m = 0; for m < 0 it is continued by tanh.
+Errors of tracks follow Student's t.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError, shortened
+from unshutter.frames.camera import DEGREES, ROWS, padded_ends, rotation_jacobian, student_weights
+from unshutter.frames.self_calibration import fewer
+from unshutter.frames.tracks import Tracks
+from unshutter.motion.lens import Lens
+from unshutter.motion.shapes import Float64
+from unshutter.options import USUAL_FOCAL
+from unshutter.storage.files import read_text
+from unshutter.video.calibrate import cameras
+from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
+from unshutter.video.file.clip import ClipRequest
+
+
+def lens_of_clip(request: ClipRequest, evidence: SampledFrames) -> Lens | None:
+    """Returns the lens of a clip's camera if it bends lines, or None if it does not or nothing tells."""
+    shutter = request.options.shutter
+    if shutter.lens is not None:
+        return lens_of_file(Path(shutter.lens), request)
+    if shutter.focal_px is not None:
+        return None
+    return lens_in_survey(evidence) or _listed(request)
+
+
+# ---- a lens file -----------------------------------------------------------------------------------------------
+
+_LARGEST = 1 << 20  # bytes
+_MATRIX = "camera_matrix", "cameraMatrix", "K"
+_COEFFICIENTS = "distortion_coeffs", "distortion_coefficients", "dist_coeffs", "distCoeffs", "D"
+_SIDES = (("image_width", "width", "w"), ("image_height", "height", "h"))
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_LIST = r"[^\[]{0,200}(\[[\[\]\s\d.,eE+-]*)"  # of numbers, also nested; other facts of the matrix may come first
+_FISHEYE = ("fisheye", "equidistant")
+_RADIAL = ("standard", "plumb", "rational", "radial", "pinhole")
+_SQUARE = 0.03  # pixels whose sides differ by more are those of an anamorphic lens
+_ALIKE = 0.01  # difference of aspect ratios
+
+
+def lens_of_file(path: Path, request: ClipRequest) -> Lens:
+    """Reads a calibration: OpenCV's YAML or JSON, ROS's YAML, or Gyroflow's JSON.
+
+    Four coefficients are those of a fisheye unless the file names another model; five or more are k1, k2, p1, p2, k3,
+    of which p1 and p2 are ignored.
+
+    Raises:
+        UnshutterError: the file cannot be read, or is of frames of another shape.
+    """
+    try:
+        text = read_text(path, _LARGEST)
+    except OSError as error:
+        raise UnshutterError(f"cannot read lens file {path}: {error.strerror}") from None
+    except ValueError:
+        text = ""
+    lists = (re.findall(_NUMBER, _value(text, names, _LIST)) for names in (_MATRIX, _COEFFICIENTS))
+    matrix, k = (np.array(numbers, np.float64) for numbers in lists)
+    width, height = (float(_value(text, names, rf"\s*({_NUMBER})") or 0) for names in _SIDES)
+    if matrix.size != 9 or k.size < 2 or not width > 0 or not height > 0 or not np.isfinite([*matrix, *k]).all():
+        raise UnshutterError(
+            f"{path}: not a lens file: it needs a camera matrix, distortion coefficients and the picture's size"
+        )
+    model = _value(text, ("distortion_model", "model"), r'\s*"?([\w-]+)').lower()
+    fisheye = any(word in model for word in _FISHEYE) or (k.size == 4 and not any(word in model for word in _RADIAL))
+    clip, (fx, fy), middle = request.clip, matrix[[0, 4]], matrix[[2, 5]]
+    if abs(width * clip.height / (height * clip.width) - 1) > _ALIKE:
+        raise UsageError(
+            f"the lens file is of pictures of {width:.0f}x{height:.0f} px, the clip has frames of {clip.width}x"
+            f"{clip.height} px: they must have the same shape"
+        )
+    if not fx > 0 or abs(fy / fx - 1) > _SQUARE:
+        raise UnshutterError(f"{path}: lenses that stretch the picture in one direction are not supported")
+    scale = clip.width / width
+    axis = (float(each) for each in (middle + 0.5) * scale - 0.5)
+    try:
+        return _of_camera(request, float(fx) * scale, (*axis,), tuple(map(float, k)), "lens file", fisheye)
+    except UnshutterError as error:
+        raise UnshutterError(f"{path}: {error}") from None
+
+
+def _of_camera(
+    request: ClipRequest,
+    focal_px: float,
+    axis: Sequence[float],
+    k: tuple[float, ...],
+    source: str,
+    fisheye: bool = True,
+) -> Lens:
+    """Returns the lens of a clip by its focal length and the position of its axis in stored frames [px]."""
+    clip, (rows, columns) = request.clip, request.frame_size
+    col, row = request.scan_direction.points_to_frame(np.array(axis[0]), np.array(axis[1]), clip.height, clip.width)
+    shift = (float(col) - (columns - 1) / 2) / focal_px, (float(row) - (rows - 1) / 2) / focal_px
+    if fisheye:
+        return Lens(focal_px / rows, (*k, 0.0, 0.0, 0.0, 0.0)[:4], shift, source)
+    reach = float(np.hypot(rows, columns)) / 2 / focal_px
+    lens = Lens.of_radial(focal_px / rows, (*k[:2], *k[4:5]), shift, 1.2 * reach)
+    return replace(lens, source=source)
+
+
+def _value(text: str, names: Sequence[str], form: str) -> str:
+    """Returns what follows the first of these keys that the file has, if it has this form; empty if it has none."""
+    found = (re.search(rf"(?<!\w){name}\"?\s*:{form}", text) for name in names)
+    return next((each[1] for each in found if each), "")
+
+
+# ---- the frames ------------------------------------------------------------------------------------------------
+
+# frames of a part; the first is examined roughly, the next if lines may be bent, all if that is too vague
+PART = 13
+FIRST, FURTHER = 2 * PART, 4  # frames of the first two parts, and number of parts after these
+_MIN_PAIRS = 10  # pairs of frames
+_LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
+_LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
+_BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is described, in distances of the corner
+_FOCALS = tuple(USUAL_FOCAL * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
+_SPREAD = 1.0  # prior: standard deviation of the focal length's logarithm
+# roughly, and then exactly: first step of both unknowns and rounds of Newton's method; rounds of the tracks' weights
+_ROUGH = (0.1, 3)
+_EXACT = (0.05, 8)
+_ROUGH_WEIGHINGS = 2
+_WEIGHINGS = 4
+_FOCAL_ONLY = np.array([[0.0, 1.0]])  # a lens that keeps lines straight has no other unknown
+_FINEST = 0.03  # step at which Newton's method may end
+_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
+_SURE = 8.0  # by so much must a bent lens explain the tracks better than one that keeps lines straight
+_HOPELESS = 0.25  # share of that, at the rough look
+_NARROW = np.radians(20)  # from the axis to the corner: such lenses do not bend lines, or the camera moved sideways
+# largest standard deviation of the corner's distance from the middle, as a share of it: to end the search; at its end
+_SURE_CORNER = 0.01
+_SURE_ENOUGH = 0.02
+
+
+def lens_in_survey(evidence: SampledFrames) -> Lens | None:
+    """Finds the lens in tracked frames of a clip; None if it keeps lines straight, or if the frames do not tell."""
+    if not evidence.parts:
+        return None
+    first = _shown(evidence.parts[0][:FIRST])
+    further = evidence.runs(FURTHER, PART, skipped=FIRST)
+    return _lens_in(first[:PART], first[PART:], (tracks for run in further for tracks in _shown(run)))
+
+
+def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
+    """Returns the background's tracks between consecutive frames: what moves by itself turns with no lens."""
+    planes = (frame.background for frame in frames[1:] if frame.since is not None)
+    return [plane.tracks for plane in planes if plane is not None and plane.joined]
+
+
+def may_bend_lines(evidence: SampledFrames) -> bool:
+    """Whether a look at a clip's first frames leaves it open that its lens bends lines."""
+    pairs = _moving(_shown(evidence.parts[0][: PART + 1])) if evidence.parts else []
+    return len(pairs) < _MIN_PAIRS or _may_bend(pairs)
+
+
+def _may_bend(pairs: Sequence[Tracks]) -> bool:
+    return _roughly(pairs)[0] >= _HOPELESS * _SURE / 2
+
+
+def _lens_in(first: Iterable[Tracks], *others: Iterable[Tracks]) -> Lens | None:
+    """Finds the lens in tracks of some frames, or of more if it is too vague in those."""
+    pairs = _moving(first)
+    if len(pairs) >= _MIN_PAIRS and not _may_bend(pairs):
+        return None
+    for part in others:
+        pairs += _moving(part)
+        lens = lens_of_tracks(pairs)
+        if lens is None or lens.error < _SURE_CORNER:
+            return lens
+    return lens if lens.error < _SURE_ENOUGH else None
+
+
+def _moving(pairs: Iterable[Tracks]) -> list[Tracks]:
+    """Returns the pairs of frames that may show the lens."""
+    shifts = ((pair, np.hypot(*(pair.end - pair.start).T)) for pair in pairs if len(pair) >= _LEAST_TRACKS)
+    return [pair for pair, shift in shifts if np.median(shift) * ROWS / pair.height > _LEAST_MOVED_PX]
+
+
+def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Returns by how much a bent lens explains moving tracks better than one that keeps lines straight, as few of them
+    show, and either lens.
+    """
+    few = [fewer(pair, _ROUGHLY) for pair in pairs]
+    turning = _Turning.of(few, _ROUGH_WEIGHINGS)
+    focals = turning.usual + np.log(_FOCALS) - np.log(USUAL_FOCAL)
+    straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_ROUGH)
+    bent, _ = turning.highest([np.array([bend, focal]) for bend in _BENDS for focal in focals], np.eye(2), *_ROUGH)
+    if bent[1] > np.log(turning.corner * ROWS / np.tan(_NARROW)):
+        return -np.inf, straight, bent
+    share = sum(map(len, few)) / sum(map(len, pairs))
+    return (turning.height(bent) - turning.height(straight)) / share, straight, bent
+
+
+def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
+    """Finds the lens through which tracks between frames were seen; None if it keeps lines straight, or if they
+    do not tell.
+    """
+    pairs = _moving(pairs)
+    if len(pairs) < _MIN_PAIRS:
+        return None
+    advantage, straight, bent = _roughly(pairs)
+    if advantage < _HOPELESS * _SURE:
+        return None
+    turning = _Turning.of(pairs, _WEIGHINGS)
+    straight, _ = turning.highest([straight], _FOCAL_ONLY, *_EXACT)
+    best, covariance = turning.highest([bent], np.eye(2), *_EXACT)
+    if turning.height(best) - turning.height(straight) < _SURE:
+        return None
+    lens = turning.lens(best)
+    corner = turning.corner / lens.focal
+    angle = lens.angle(corner)
+    small = 1e-3 * np.eye(2)
+    ends = [
+        [(each := turning.lens(best + sign * step)).distance(angle) * each.focal for sign in (1, -1)] for step in small
+    ]
+    slopes = np.array([np.log(more / less) / 2e-3 for more, less in ends])
+    error = float(np.sqrt(slopes @ covariance @ slopes))
+    return replace(lens, source="frames", error=error)
+
+
+@dataclass(eq=False)
+class _Turning:
+    """Tracks between frames, explained by turns of the camera through any lens.
+
+    A lens is given by its bend and the logarithm of its focal length [px of ROWS rows].
+    """
+
+    used: np.ndarray  # [pairs, most] which entries of the padded arrays hold a track
+    middles: np.ndarray  # [pairs, most, 2] of the tracks [px of ROWS rows]
+    moved: np.ndarray  # [pairs, 2 most] their displacements [px of ROWS rows]
+    width: float  # of the frames [px of ROWS rows]
+    usual: float  # the logarithm of the focal length to expect
+    weighings: int  # rounds of the tracks' weights
+    _heights: dict[tuple[float, ...], float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, pairs: Sequence[Tracks], weighings: int) -> _Turning:
+        ends, used = padded_ends(pairs)
+        ends = ends * ROWS / pairs[0].height
+        width = pairs[0].width * ROWS / pairs[0].height
+        moved = (ends[1] - ends[0]).reshape(len(pairs), -1)
+        usual = float(np.log(USUAL_FOCAL * (width + ROWS)))
+        return cls(used, ends.mean(axis=0), moved, width, usual, weighings)
+
+    @property
+    def corner(self) -> float:
+        """Distance of a corner from the middle [heights]."""
+        return float(np.hypot(self.width / ROWS, 1)) / 2
+
+    def lens(self, at: Float64[np.ndarray, "2"]) -> Lens:
+        """Returns a lens."""
+        bend = float(at[0])
+        focal = float(np.exp(at[1])) / ROWS
+        root = max(abs(bend), 1e-9) ** 0.5
+        reach = _WIDEST * root * self.corner / focal
+        angles = np.linspace(0.02, 1, 40) * (np.arctan(reach) if bend > 0 else np.arctanh(min(reach, 0.97))) / root
+        seen = (np.tan if bend > 0 else np.tanh)(root * angles) / root
+        k1, k2, k3, k4 = np.linalg.lstsq(angles[:, None] ** [2, 4, 6, 8], seen / angles - 1, rcond=None)[0].tolist()
+        return Lens(focal, (k1, k2, k3, k4))
+
+    def highest(
+        self, starts: Sequence[np.ndarray], along: Float64[np.ndarray, "n 2"], step: float, rounds: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Finds the most probable lens, by Newton's method with numerical derivatives from the best of some lenses.
+
+        Args:
+            along: directions in which to climb.
+
+        Returns:
+            The lens, and the covariance of its coordinates along these directions.
+        """
+        at = max(starts, key=self.height)
+        inverse = np.eye(len(along))
+        for _ in range(rounds):
+            moves = step * along
+            here = self.height(at)
+            up, down = (np.array([self.height(at + sign * move) for move in moves]) for sign in (1, -1))
+            bend = np.diag(up + down - 2 * here)
+            if len(along) == 2:
+                both = sum(self.height(at + sign * moves.sum(axis=0)) for sign in (1, -1)) - 2 * here
+                bend[0, 1] = bend[1, 0] = (both - np.trace(bend)) / 2
+            values, vectors = np.linalg.eigh(bend)
+            inverse = (vectors / np.maximum(np.abs(values), 1e-2)) @ vectors.T
+            jump = inverse @ (up - down) / 2
+            jump = jump * min(1.0, 2 / np.abs(jump).max())
+            tried = [at + share * jump @ moves for share in (1, 0.3, 0.1)]
+            tried += [at + sign * move for sign in (1, -1) for move in moves]
+            better = max(tried, key=self.height)
+            if self.height(better) < here + 0.02:
+                if step < _FINEST:
+                    break
+                step = step / 3
+            else:
+                at = better
+                step = step / 2 if np.abs(jump).max() < 1 else step
+        return at, inverse * step**2
+
+    def height(self, at: Float64[np.ndarray, "2"]) -> float:
+        """Returns the log probability of a lens given the tracks, up to a constant."""
+        if (key := tuple(at.tolist())) not in self._heights:
+            self._heights[key] = self._evidence(at) - 0.5 * float((at[1] - self.usual) / _SPREAD) ** 2
+        return self._heights[key]
+
+    def _evidence(self, at: Float64[np.ndarray, "2"]) -> float:
+        """Returns the log probability of the tracks, up to a constant, with the most probable turns of each pair."""
+        try:
+            lens = None if at[0] == 1 else self.lens(at)
+        except UnshutterError:
+            return -np.inf
+        shown = rotation_jacobian(self.middles, self.width, float(np.exp(at[1])), lens)
+        row = (2 * self.middles[..., 1] / ROWS - 1)[..., None, None]
+        design = np.concatenate([shown, shown[..., :3] * row, shown[..., :3] * row**2], axis=-1)
+        design = design.reshape(*self.moved.shape, -1)
+        weights = self.used.astype(np.float64)
+        noise = np.nan
+        squared = np.zeros(0)
+        for _ in range(self.weighings):
+            weighted = (design * np.repeat(weights, 2, axis=1)[..., None]).swapaxes(1, 2)
+            normal = weighted @ design + 1e-4 * np.eye(design.shape[-1])
+            left = self.moved - (design @ np.linalg.solve(normal, weighted @ self.moved[..., None]))[..., 0]
+            squared = (left.reshape(*self.used.shape, 2) ** 2).sum(axis=-1)
+            weights, noise = student_weights(squared, self.used, noise)
+        each = -2 * np.log(noise) - (DEGREES + 2) / 2 * np.log1p(squared[self.used] / (DEGREES * noise**2))
+        return float(each.sum()) / _COMMON
+
+
+# ---- the table of lens profiles --------------------------------------------------------------------------------
+
+_NEAR, _WIDEST_VIEW = 0.06, 200.0  # share by which a lens may differ from the stated field of view; degrees
+_AGREE = 0.03  # share by which the angles of lenses that are alike may differ at the corner
+
+
+@dataclass(frozen=True)
+class LensProfile(cameras.Profile):
+    """A lens of a camera in one of its modes."""
+
+    focal: float  # focal length [widths]
+    axis: tuple[float, float]  # position of the axis [widths, heights]
+    k: tuple[float, ...]  # OpenCV's fisheye k1 to k4
+    profiles: int  # number of profiles that agree
+
+    @property
+    def degrees(self) -> float:
+        """Field of view from corner to corner [degrees]."""
+        corner = float(np.hypot(self.width, self.height)) / 2 / self.width / self.focal
+        return 2 * float(np.degrees(Lens(1.0, self.k).angle(corner)))
+
+    def as_json(self) -> dict[str, object]:
+        """Returns the columns of the table by name, and the field of view from corner to corner [degrees]."""
+        return {**{each.name: getattr(self, each.name) for each in fields(self)}, "degrees": round(self.degrees, 1)}
+
+
+@cache
+def table() -> tuple[LensProfile, ...]:
+    """Returns all known lenses, sorted by brand, model, lens and mode."""
+    return tuple(
+        LensProfile(
+            brand=line["brand"],
+            model=line["model"],
+            lens=line["lens"],
+            width=int(line["width"]),
+            height=int(line["height"]),
+            focal=float(line["focal"]),
+            axis=(float(line["axis_x"]), float(line["axis_y"])),
+            k=tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
+            profiles=int(line["profiles"]),
+        )
+        for line in cameras.lines_of("lenses.csv")
+    )
+
+
+def _listed(request: ClipRequest) -> Lens | None:
+    """Returns the lens of the clip's camera if all profiles of its frame size agree on it, and at least two unless the
+    user named the camera; otherwise None. A GoPro's field of view, if its file states it (ZFOV), narrows the choice.
+    """
+    clip = request.clip
+    named = request.options.shutter.camera
+    if named is None:
+        known = cameras.tagged(table(), *cameras.camera_of(clip.tags))
+    else:
+        known = cameras.closest(named_lenses(named), named)
+    alike = [each for each in known if {each.width, each.height} == {clip.width, clip.height}]
+    view = clip.camera.view_degrees
+    if alike and view is not None and 0 < view < _WIDEST_VIEW:
+        alike = [each for each in alike if abs(each.degrees / view - 1) < _NEAR]
+    degrees = [each.degrees for each in alike]
+    if not alike or max(degrees) > (1 + _AGREE) * min(degrees):
+        return None
+    if named is None and sum(each.profiles for each in alike) < 2:
+        return None
+    best = max(alike, key=lambda each: each.profiles)
+    if best.width != clip.width:  # profiles are of frames as recorded, this one was turned
+        return None
+    axis = best.axis[0] * clip.width - 0.5, best.axis[1] * clip.height - 0.5
+    return _of_camera(request, best.focal * clip.width, axis, best.k, f"table of lenses ({best.name})")
+
+
+def named_lenses(name: str) -> list[LensProfile]:
+    """Returns the lenses of cameras whose name contains a word, in any case and spelling."""
+    return cameras.named(table(), name)
+
+
+def listed(word: str) -> list[LensProfile]:
+    """Returns the lenses of cameras whose name contains a word; all if the word is empty."""
+    lenses = named_lenses(word)
+    if not lenses:
+        raise UsageError(f"the table has no lens of a camera called '{shortened(word)}'")
+    return lenses
+
+
+def describe_lenses(lenses: Sequence[LensProfile]) -> str:
+    """Formats lenses, one per line."""
+    rows = [(each.name, f"{each.width}x{each.height} px", f"{each.degrees:.0f} degrees") for each in lenses]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(f"{name:{widths[0]}}  {size:{widths[1]}}  {view:>{widths[2]}}" for name, size, view in rows)

@@ -1,0 +1,197 @@
+"""Measures clips, which are left unchanged: readout time and direction, how far they wobble, and the lens.
+
+Readout times are those from the first row of the clip's frames to the last: the camera's blanking rows, which no frame
+shows, are not included, nor are rows that were cropped.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from unshutter.errors import UnshutterError
+from unshutter.motion.lens import Lens
+from unshutter.options.clip_options import MeasureClips, RectifyClip
+from unshutter.options.fields import implemented_by
+from unshutter.orientation import ScanDirection
+from unshutter.readout_time import ReadoutSource, ReadoutTime
+from unshutter.reasons import Code, JsonObject, Reason
+from unshutter.video.calibrate.camera import find_camera
+from unshutter.video.calibrate.readout_regression import Regression, Run, regression
+from unshutter.video.calibrate.readout_time import runs_in_survey
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
+
+_BY_FRAMES = ReadoutSource.FRAMES, ReadoutSource.REGRESSION
+
+
+@dataclass(frozen=True)
+class ClipMeasurement:
+    """What a clip, or several clips of one camera, tell about their camera."""
+
+    clips: tuple[str, ...]  # their files
+    width: int  # of the stored frames [px]
+    height: int
+    interval_s: float  # the usual time from one frame to the next [s]
+    readout_time: ReadoutTime | None  # from the first row of a frame to the last; None if it is unknown
+    direction: ScanDirection | None  # in which the stored rows or columns were read; None if that is unknown
+    reason: Reason | None = None  # why it was not found, or that there is no rolling shutter
+    shown: Regression | None = None  # what the regression says; None if there are too few frames
+    wobble_px: float | None = None  # wobble that this explains: RMS at the first and last rows, frame to frame [px]
+    lens: Lens | None = None  # the lens, if it bends straight lines
+
+    @property
+    def how(self) -> str:
+        """How the readout time was found: regression, search, or the name of another source; empty: it was not."""
+        if self.readout_time is None:
+            return ""
+        return "search" if self.readout_time.source is ReadoutSource.FRAMES else str(self.readout_time.source)
+
+    @property
+    def is_global(self) -> bool:
+        """Whether all rows look as if they had been exposed at once."""
+        return self.reason is not None and self.reason.code is Code.READ_AT_ONCE
+
+    @property
+    def lens_degrees(self) -> float | None:
+        """Field of view from corner to corner [degrees]; None if the lens keeps lines straight, or is unknown."""
+        sides = self.height, self.width
+        return None if self.lens is None else round(self.lens.degrees(max(sides) / min(sides)), 1)
+
+    def as_json(self) -> JsonObject:
+        """Returns the measurement, ready for JSON."""
+        time = self.readout_time
+        shown = self.shown
+        known = None if time is None else time.ratio(self.interval_s)
+        return {
+            "clips": list(self.clips),
+            "width": self.width,
+            "height": self.height,
+            "fps": round(1 / self.interval_s, 4),
+            "readout_ms": None if time is None else round(time.ms, 3),
+            "readout_ms_sd": None if time is None or not time.error_s else round(time.error_ms, 3),
+            "readout_ratio": None if known is None else round(known.value, 4),
+            "direction": self.direction,
+            "found_by": self.how or None,
+            "camera": None if time is None else time.camera or None,
+            "rolling_shutter": False if self.is_global else None if time is None else True,
+            "reason": None if self.reason is None else self.reason.as_json(),
+            "frames_show_ratio": None if shown is None else round(shown.rows.ratio, 4),
+            "frames_show_ratio_sd": None if shown is None else round(shown.error, 4),
+            "frames_show_surely": None if shown is None else shown.is_sure or shown.is_none,
+            "pairs": None if shown is None else shown.pairs,
+            "wobble_px": None if self.wobble_px is None else round(self.wobble_px, 3),
+            "lens_degrees": self.lens_degrees,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A clip's measurement, and what several of one camera are measured by together."""
+
+    measurement: ClipMeasurement
+    runs: list[Run]
+    px: float  # of the clip, for each of the copies in which corners were tracked
+
+
+def _measure_clips(sources: Sequence[str | os.PathLike[str]], options: MeasureClips) -> list[ClipMeasurement]:
+    measured = [_measured(Path(source), options) for source in sources]
+    found = [each.measurement for each in measured]
+    return [*found, _together(measured)] if len(measured) > 1 and options.one_camera else found
+
+
+@implemented_by(_measure_clips, options=MeasureClips)
+def measure_clips(
+    sources: Sequence[str | os.PathLike[str]],
+    *,
+    one_camera: bool = False,
+    start: float | None = None,
+    end: float | None = None,
+) -> list[ClipMeasurement]:
+    """Measures clips: readout time and direction, wobble, and the lens. Writes and prints nothing.
+
+    Args:
+        sources: videos.
+
+    Returns:
+        A measurement for each clip; with ``one_camera``, also one of all clips together.
+
+    Raises:
+        UsageError: an option is invalid.
+        UnshutterError: a clip cannot be read, or clips of one camera differ in the size or rate of their frames.
+
+    Examples:
+        >>> (measurement,) = unshutter.measure_clips(["walk.mp4"])
+        >>> measurement.width, measurement.height
+        (192, 144)
+    """
+    ...
+
+
+def _measured(path: Path, options: MeasureClips) -> _Measured:
+    clip = read_clip_facts(path, until_s=options.end)
+    clip.check_whole()
+    request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
+    camera, evidence = find_camera(request)
+    runs = runs_in_survey(evidence)
+    direction = camera.direction or request.scan_direction
+    px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
+    if px is None:
+        raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
+    measurement = _of_camera((str(path),), clip, camera.readout_time, direction, regression(runs), px, camera.lens)
+    return _Measured(measurement, runs, px)
+
+
+def _of_camera(
+    clips: tuple[str, ...],
+    size: ClipFacts | ClipMeasurement,
+    time: ReadoutTime,
+    direction: ScanDirection,
+    shown: Regression | None,
+    px: float,
+    lens: Lens | None,
+) -> ClipMeasurement:
+    """Returns the measurement for what is known of a camera."""
+    is_known = time.source is not ReadoutSource.USUAL and time.plausible_s is None and time.declined is None
+    return ClipMeasurement(
+        clips=clips,
+        width=size.width,
+        height=size.height,
+        interval_s=size.interval_s,
+        readout_time=time if is_known else None,
+        direction=direction if is_known else None,
+        reason=None if is_known else time.declined or time.instead_of,
+        shown=shown,
+        wobble_px=None if shown is None else shown.wobble_px * px,
+        lens=lens,
+    )
+
+
+def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
+    """Returns what clips of one camera tell together, by one regression of all their frames."""
+    every = [each.measurement for each in measured]
+    first = every[0]
+    for each in every:
+        if (each.width, each.height) != (first.width, first.height) or _differ(each.interval_s, first.interval_s):
+            raise UnshutterError(f"{first.clips[0]} and {each.clips[0]} differ in the size or rate of their frames")
+    shown = regression([run for each in measured for run in each.runs])
+    px = measured[0].px
+    times = [each.readout_time for each in every if each.readout_time is not None]
+    stated = next((each for each in times if each.source not in _BY_FRAMES), None)
+    names = tuple(name for each in every for name in each.clips)
+    direction = next((each.direction for each in every if each.direction is not None), ScanDirection.TOP_TO_BOTTOM)
+    if stated is not None:
+        time = stated
+    elif shown is not None and (shown.is_sure or shown.is_likely):
+        time = shown.readout_ratio.seconds(first.interval_s)
+    else:
+        none = shown is not None and shown.is_none
+        reason = Reason(Code.READ_AT_ONCE if none else Code.NO_WOBBLE)
+        time = ReadoutTime(0.0, source=ReadoutSource.USUAL, declined=reason)
+    return _of_camera(names, first, time, direction, shown, px, first.lens)
+
+
+def _differ(one: float, other: float) -> bool:
+    return abs(one - other) > 0.01 * one

@@ -1,0 +1,140 @@
+"""What parts of a clip show: tracks of corners from each frame to the next, decoded once, kept, and shared.
+
+The lens, a gyro log's alignment, the readout time, and what undoing the motion gains are all found in these tracks. A
+pair of frames takes some kilobytes, so that those of all parts are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from unshutter.frames.self_calibration import GreyFrame
+from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
+from unshutter.motion.lens import Lens
+from unshutter.video.calibrate.readout_regression import PairMotion
+from unshutter.video.file.ahead import ahead
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.work import Stage, Steps
+
+_AHEAD = 3  # frames
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame:
+    """A frame, and tracks of corners from the previous one."""
+
+    time_s: float
+    since: float | None = None  # time since the previous frame [usual frame intervals]; None: that is no neighbour
+    tracks: Tracks | None = None  # all tracks; None for the first frame of a part
+    before: Background | None = None  # tracks between the two frames before that move with the camera, if known
+
+    @cached_property
+    def background(self) -> Background | None:
+        """The tracks that move with the camera."""
+        return None if self.tracks is None else background(self.tracks, before=self.before)
+
+    @cached_property
+    def motion(self) -> PairMotion | None:
+        """Motion of the picture since the previous frame, through a lens that keeps lines straight; None if unknown."""
+        plane = self.background
+        return None if plane is None or not plane.joined else PairMotion.through_lens(plane.tracks)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledFrames:
+    """The tracked frames of some parts of a clip, in order."""
+
+    parts: Sequence[Sequence[TrackedFrame]] = ()  # not empty themselves
+    is_whole: bool = False  # whether it is one part, of all frames that the user selected
+
+    @property
+    def frames(self) -> Iterator[TrackedFrame]:
+        """All frames."""
+        return (frame for part in self.parts for frame in part)
+
+    def px_of(self, rows: int) -> float | None:
+        """Returns how many px of the clip, of so many rows, one px of the tracked copies is; None: none was tracked."""
+        tracks = next((frame.tracks for frame in self.frames if frame.tracks is not None), None)
+        return None if tracks is None else rows / tracks.height
+
+    def through(self, lens: Lens | None) -> SampledFrames:
+        """Returns the survey as seen through a lens that bends straight lines; None: it does not."""
+        if lens is None:
+            return self
+        seen = [
+            [replace(each, tracks=each.tracks and replace(each.tracks, lens=lens)) for each in part]
+            for part in self.parts
+        ]
+        return replace(self, parts=seen)
+
+    def with_parts(self, other: SampledFrames) -> SampledFrames:
+        """Returns the survey of other parts of the clip, too."""
+        return SampledFrames(sorted([*self.parts, *other.parts], key=lambda part: part[0].time_s))
+
+    def runs(self, most: int, frames: int, skipped: int = 0) -> list[Sequence[TrackedFrame]]:
+        """Returns series of consecutive frames that are spread evenly over the clip.
+
+        Args:
+            most: number of series; fewer if there are not as many frames, or parts.
+            frames: length of each.
+            skipped: number of frames at the beginning of the clip to be left out, if any.
+        """
+        if len(self.parts) == 1:
+            (part,) = self.parts
+            many = min(most, max(len(part) - skipped, 0) // frames)
+            return [part[k : k + frames] for k in np.linspace(skipped, len(part) - frames, many).astype(int)]
+        parts = self.parts[1 if skipped else 0 :]
+        chosen = np.unique(np.linspace(0, len(parts) - 1, min(most, len(parts))).round().astype(int))
+        return [parts[k][:frames] for k in chosen]
+
+
+def sample_frames(
+    request: ClipRequest,
+    parts_s: Sequence[tuple[float | None, float | None]],
+    steps: Steps | None = None,
+    stage: Stage = Stage.SURVEY,
+) -> SampledFrames:
+    """Decodes parts of a clip, and tracks corners in them.
+
+    Args:
+        parts_s: begin and end of each part [s], in order and apart; None means no limit.
+        steps: counts the frames.
+        stage: as what they are counted.
+    """
+    parts = []
+    for start, end in parts_s:
+        part = []
+        before = None
+        grey_before = None
+        plane_before = None
+        for frame in ahead(request.clip.frames_between(start, end), request.clip.most_ahead(_AHEAD)):
+            grey = request.grey(frame, TRACKED_SIDE)
+            tracked = TrackedFrame(frame.time or 0.0)
+            if grey_before is not None:
+                since = request.clip.since(before, frame)
+                tracked = TrackedFrame(tracked.time_s, since, follow(grey_before, grey), plane_before)
+            part.append(tracked)
+            request.work.advance(stage)
+            before = frame
+            grey_before = grey
+            plane_before = tracked.background
+            if steps is not None:
+                steps.advance()
+        parts.append(part)
+    is_whole = list(parts_s) == [(request.options.start, request.options.end)]
+    return SampledFrames([part for part in parts if part], is_whole)
+
+
+def tracked_copies(request: ClipRequest, frames: Sequence[TrackedFrame]) -> Iterator[GreyFrame | None]:
+    """Yields what the motion of consecutive frames is estimated from, and None where frames are missing."""
+    nothing = np.zeros((0, 0), np.uint8)
+    for number, frame in enumerate(frames):
+        if number and frame.since is None:
+            yield None
+        after = 1.0 if frame.since is None else frame.since
+        followed = frame.tracks if number else None
+        yield GreyFrame(*request.frame_size, nothing, after=after, time_s=frame.time_s, followed=followed)

@@ -1,0 +1,127 @@
+"""A clip as all steps see it, be it a file or frames that the caller decodes; and what the user wants from it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.motion.lens import Lens
+from unshutter.options.clip_options import RectifyClip
+from unshutter.orientation import ScanDirection
+from unshutter.progress import SILENT, ClipObserver
+from unshutter.video.file.camera_tags import CameraTags
+from unshutter.video.file.pixels import Frame, PixelFormat
+from unshutter.video.file.work import Stage, Steps, Work
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import UInt8
+
+
+_WHOLE = 0.03  # of a frame interval: times this close to even ones are taken as even
+_NO_TIME = 0.05  # frame intervals: no camera takes frames so fast after one another
+_LONGEST_GAP = 4  # frame intervals; frames farther apart are not neighbours
+_AHEAD_BYTES = 25_000_000  # of frames queued between two steps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clip(ABC):
+    """The frames of a clip, and what is known of them before any is examined."""
+
+    path: str  # path of the file; for messages only if the frames come from the caller
+    pixels: PixelFormat
+    height: int  # rows of the stored frames [px]
+    width: int  # their columns [px]
+    interval_s: float  # the usual time from one frame to the next [s]
+    frames: int  # number of frames, or of those that can be examined; 0 if unknown
+    duration_s: float  # duration [s]; 0 if unknown
+    # tags of the container and of the video stream; the latter take precedence
+    tags: dict[str, str] = field(default_factory=dict)
+    camera: CameraTags = field(default_factory=CameraTags)  # what the camera states in its own way
+    # side data of the first frame, by FFmpeg's names; not read from later frames, since PyAV would then never free it
+    side_data: dict[str, bytes] = field(default_factory=dict)
+    data_tracks: tuple[str, ...] = ()  # names of its tracks of data
+    may_have_log: bool = field(default=False, repr=False)  # whether there may be a gyro log in the file
+
+    @abstractmethod
+    def frames_between(self, start: float | None = None, end: float | None = None) -> Generator[Frame]:
+        """Yields the frames between two times [s] in presentation order; None means no limit."""
+
+    @property
+    def frame_bytes(self) -> float:
+        """Memory size of a decoded frame [bytes]."""
+        size = sum(plane.bands / plane.across / plane.down for plane in self.pixels.planes)
+        return size * self.height * self.width * (1 if self.pixels.depth == 8 else 2)
+
+    def most_ahead(self, frames: int) -> int:
+        """Returns how many frames may wait between two steps: as many as given, or fewer if they are large."""
+        return min(frames, max(1, int(_AHEAD_BYTES / self.frame_bytes)))
+
+    def since(self, before: Frame | None, frame: Frame) -> float | None:
+        """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours.
+
+        Times that hardly increase are wrong: such frames are taken as one interval apart.
+        """
+        if before is None or before.time is None or frame.time is None:
+            return 1.0
+        tick = float(frame.time_base or 0) / self.interval_s
+        gap = (frame.time - before.time) / self.interval_s
+        if abs(gap - round(gap)) <= max(_WHOLE, 1.01 * tick) and round(gap) > 0:
+            gap = float(round(gap))
+        if gap < _NO_TIME:
+            return 1.0
+        return gap if 0.2 < gap <= _LONGEST_GAP else None
+
+
+@dataclass(frozen=True)
+class ClipRequest:
+    """A clip, and what the user wants from it."""
+
+    clip: Clip
+    options: RectifyClip
+    scan_direction: ScanDirection  # direction in which the stored pixels were read
+    work: Work  # counts what is done
+    lens: Lens | None = None  # the camera's lens, if it is known to bend straight lines
+
+    @classmethod
+    def of(cls, clip: Clip, options: RectifyClip, observer: ClipObserver = SILENT) -> ClipRequest:
+        """Returns the request of a clip whose readout direction is that of the options."""
+        return cls(
+            clip, options, ScanDirection.parse(options.shutter.readout), Work(observer, clip.height * clip.width / 1e6)
+        )
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """Height and width of the readout frame [px]."""
+        return self.scan_direction.frame_size(self.clip.height, self.clip.width)
+
+    @property
+    def focal(self) -> float | None:
+        """Focal length [heights of the readout frame], if it is known."""
+        stated = self.options.shutter.focal_px
+        return self.lens.focal if self.lens is not None else stated and stated / self.frame_size[0]
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end of the selected part [s]."""
+        return self.options.span(self.clip.duration_s)
+
+    def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
+        """Returns a small grey copy of a frame, as it was read out, with a short side of about ``side`` px."""
+        return np.ascontiguousarray(self.scan_direction.to_scan_frame(self.clip.pixels.grey(frame, side)))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of the selected part, as the file states it; at least 2."""
+        begin, end = self.span
+        selected = self.options.start is not None or self.options.end is not None
+        if self.clip.frames and not selected:
+            return max(self.clip.frames, 2)
+        return max(round((min(end, self.clip.duration_s or end) - begin) / self.clip.interval_s), 2)
+
+    def steps(self, what: str, stage: Stage | None = None) -> Steps:
+        """Returns a counter for the frames of the selected part, and for as many items of a stage."""
+        return Steps(self.work, what, self.frames, stage)

@@ -1,0 +1,274 @@
+"""What a clip's file tells, read once: its headers, its camera's tags and its first frame; and all its frames."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnshutterError
+from unshutter.frames import pyav
+from unshutter.options.clip_options import MAX_CLIP_PIXELS
+from unshutter.photo.photo import check_size
+from unshutter.video.file import containers, mp4
+from unshutter.video.file.camera_tags import CameraTags
+from unshutter.video.file.clip import Clip
+from unshutter.video.file.containers import COVER, ExpectedLength, Extent, FirstTimes, FrameTiming, VideoFile
+from unshutter.video.file.pixels import COLOURS, PixelFormat
+
+if TYPE_CHECKING:
+    from collections import deque
+    from contextlib import AbstractContextManager
+    from typing import BinaryIO
+
+    from av import Packet, VideoFrame
+
+
+_PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
+_LARGE = 6_000_000  # px: such frames are decoded one at a time, to save memory; other steps take longer
+_LEAD_S = 10.0  # s within which files without an index have a key frame
+_NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # FFmpeg estimates their length
+_INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's files, which have their log at the end
+
+
+@dataclass(frozen=True)
+class Coding:
+    """How the frames of a clip are encoded, as far as a new video can follow it."""
+
+    name: str  # FFmpeg's name of the codec
+    tag: str  # the codec's tag in the file
+    profile: str | None  # its profile
+    rate: Fraction  # frames per second
+    time_base: Fraction | None  # unit of the frames' times [s]
+    colours: dict[str, int]  # FFmpeg's codes of the colours, by their names
+    pixel_aspect: Fraction | None  # width of a pixel divided by its height; None if unknown
+    bits_per_s: float = 0.0  # bit rate of the frames; 0 if unknown
+
+    @classmethod
+    def of(cls, file: VideoFile) -> Coding:
+        """Returns what an open file states."""
+        video = file.video
+        context = file.video.codec_context
+        return cls(
+            name=context.name,
+            tag=context.codec_tag,
+            profile=context.profile,
+            rate=Fraction(video.guessed_rate or video.average_rate or 30),
+            time_base=video.time_base,
+            colours={name: getattr(context, name) for name in COLOURS},
+            pixel_aspect=video.sample_aspect_ratio,
+            bits_per_s=containers.bits_per_s(file.container, video),
+        )
+
+
+@dataclass(frozen=True)
+class Others:
+    """The streams of a clip next to its video."""
+
+    has_covers: bool = False  # whether there are cover pictures
+    # first packet of each stream of which there is one among those read, by the stream's index
+    first: dict[int, bytes] = field(default_factory=dict, repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipFacts(Clip):
+    """A clip's file, described by its headers and first frame; each reader opens the file separately."""
+
+    coding: Coding
+    kind: str  # FFmpeg's name of the file's format
+    start_s: float  # time at which the file begins [s]
+    others: Others = field(repr=False)  # its other streams
+    can_take_video: bool = field(repr=False)  # whether another video can be put into a copy of the file
+    lead_s: float = field(repr=False)  # how much earlier reading must begin so that a key frame comes first [s]
+    expected: ExpectedLength = field(repr=False)  # how much of the clip there should be
+    extent: Extent | None = field(repr=False)  # how much there is; None if that is as much as was to be read
+    timing: FrameTiming = field(repr=False)  # how its frames get their times
+
+    def opened(self) -> AbstractContextManager[VideoFile]:
+        """Opens the file with PyAV; raises UnshutterError if it can no longer be read."""
+        return containers.opened(self.path)
+
+    @property
+    def ticks(self) -> int:
+        """Time units per second of its frames, at most a million."""
+        return min(1_000_000 if self.coding.time_base is None else self.coding.time_base.denominator, 1_000_000)
+
+    def frames_between(self, start: float | None = None, end: float | None = None) -> Generator[VideoFrame]:
+        """Opens the file and yields the frames between two times [s] in presentation order; None means no limit."""
+        with self.opened() as file:
+            yield from self.decode(file, start, end)
+
+    def decode(
+        self, file: VideoFile, start: float | None, end: float | None, others: deque[Packet] | None = None
+    ) -> Iterator[VideoFrame]:
+        """Yields the frames of the open file between two times [s] in presentation order; None means no limit.
+
+        Args:
+            others: receives the packets of the other streams between these times, as they are met.
+        """
+        video = file.video
+        video.thread_type = "AUTO" if self.height * self.width < _LARGE else "SLICE"
+        if start and start - self.lead_s > self.expected.start_s:
+            file.container.seek(int((start - self.lead_s) / video.time_base), stream=video)
+        times = containers.Times(self.timing)
+        for packet in file.packets():
+            if not file.is_of_video(packet):
+                if others is not None and packet.dts is not None and _is_within(containers.time_of(packet), start, end):
+                    others.append(packet)
+                continue
+            for frame in containers.decode_packet(packet, file.path):
+                times.set(frame)
+                if _is_within(frame.time, start, end):
+                    self._check_frame(frame)
+                    yield frame
+                elif others is None and end is not None and (frame.time or 0) >= end:
+                    return
+
+    def _check_frame(self, frame: VideoFrame) -> None:
+        if frame.is_corrupt:
+            raise containers.damaged(self.path, frame.time)
+        if frame.interlaced_frame:
+            raise containers.interlaced(self.path)
+        if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
+            raise UnshutterError(
+                f"{{clip}}: its frames change in size or format at {frame.time or 0:.1f} s", clip=self.path
+            )
+
+    def check_whole(self) -> None:
+        """Raises UnshutterError if the file ends before it should, and before the time up to which it was read."""
+        if self.extent is not None:
+            self.expected.check(self.path, self.extent)
+
+
+def _is_within(at: float | None, start: float | None, end: float | None) -> bool:
+    return at is None or ((start is None or at >= start - 1e-6) and (end is None or at < end))
+
+
+def read_clip_facts(
+    path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_s: float | None = 0.0
+) -> ClipFacts:
+    """Reads what a clip's file tells, in one pass.
+
+    Args:
+        max_pixels: clips with larger frames are rejected.
+        until_s: the file is read up to this time of the video [s], to see how much there is; None: to its end.
+    """
+    place = os.fspath(path)
+    with containers.opened_bytes(place) as stream:
+        movie = None
+        with suppress(*mp4.DAMAGE):
+            movie = mp4.Movie.read(stream)
+        ends_with_log = _ends_with_log(stream)
+        camera, can_take_video = (CameraTags(), False) if movie is None else (CameraTags.of(movie), mp4.can_take(movie))
+        with containers.read_by_ffmpeg(stream, place) as file:
+            video = file.video
+            container = file.container
+            context = file.video.codec_context
+            _check_size(place, video.width, video.height, max_pixels)
+            if context.field_order not in _PROGRESSIVE:
+                raise containers.interlaced(place)
+            pixels = PixelFormat.of(context.format)
+            kind = container.format.name
+            length = video.duration * video.time_base if video.duration else (container.duration or 0) / 1_000_000
+            begun = _Beginning.read(file, until_s)
+            interval_s = begun.times.interval_s(video)
+            times = begun.times
+            if video.frames > 1 and 0 < length < interval_s:
+                raise UnshutterError("{clip} is damaged: the times of its frames cannot be right", clip=place)
+            if "SPHERICAL" in begun.side_data:
+                raise UnshutterError("{clip} is a 360-degree clip: its rows are not rows of the sensor", clip=place)
+            step = max(1, round(interval_s / float(video.time_base)))
+            begin = 0 if times.first is None else times.first - times.untimed * step
+            data_tracks = tuple(each.metadata.get("handler_name", "").strip() for each in container.streams.data)
+            return ClipFacts(
+                path=place,
+                pixels=pixels,
+                coding=Coding.of(file),
+                height=video.height,
+                width=video.width,
+                interval_s=interval_s,
+                frames=video.frames,
+                duration_s=float(length),
+                tags={**pyav.tags(container), **pyav.tags(video)},
+                camera=camera,
+                side_data=begun.side_data,
+                kind=kind,
+                start_s=(container.start_time or 0) / 1e6,
+                others=Others(
+                    has_covers=any(each.disposition & COVER for each in container.streams.video),
+                    first=begun.first,
+                ),
+                data_tracks=data_tracks,
+                can_take_video=can_take_video,
+                may_have_log=ends_with_log or bool(data_tracks),
+                lead_s=math.inf if times.first is None else _LEAD_S if kind in _NO_TABLES else 0.0,
+                expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),
+                extent=None if begun.reaches_end else begun.extent,
+                timing=FrameTiming(begin, step, begun.delay if kind == "avi" else None),
+            )
+
+
+@dataclass
+class _Beginning:
+    """What a video's packets show as they are read for the first time."""
+
+    times: FirstTimes = field(default_factory=FirstTimes)
+    extent: Extent = field(default_factory=Extent)
+    first: dict[int, bytes] = field(default_factory=dict)  # first packet of each other stream
+    side_data: dict[str, bytes] = field(default_factory=dict)  # of the first frame
+    delay: int = 0  # the first frame's decoding time minus that of its packet [ticks]
+    reaches_end: bool = False  # whether the video reaches the time up to which it was to be read
+
+    @classmethod
+    def read(cls, file: VideoFile, until_s: float | None) -> _Beginning:
+        """Reads packets up to a time [s] or, if that is None, to the end of the file; and decodes the first frame."""
+        begun = cls()
+        first_dts = None
+        has_frame = False
+        for packet in file.packets():
+            of_video = file.is_of_video(packet)
+            begun.extent.add(packet, of_video)
+            if not of_video:
+                if packet.size:
+                    begun.first.setdefault(packet.stream.index, bytes(packet))
+                continue
+            begun.times.add(packet)
+            first_dts = packet.dts if first_dts is None else first_dts
+            if not has_frame:
+                for frame in containers.decode_packet(packet, file.path)[:1]:
+                    has_frame, begun.side_data = True, pyav.side_data(frame)
+                    begun.delay = 0 if frame.dts is None or first_dts is None else frame.dts - first_dts
+                    if frame.interlaced_frame:
+                        raise containers.interlaced(file.path)
+            if has_frame and begun.times.are_enough and begun._reaches(file, until_s):
+                break
+        if not has_frame:
+            raise UnshutterError("{clip} has no frame that can be decoded", clip=file.path)
+        begun.reaches_end = begun._reaches(file, until_s)
+        return begun
+
+    def _reaches(self, file: VideoFile, until_s: float | None) -> bool:
+        return until_s is not None and self.extent.reaches(until_s, self.times.interval_s(file.video))
+
+
+def _ends_with_log(stream: BinaryIO) -> bool:
+    """Whether a file ends with an Insta360's own data, which include the gyro log."""
+    with suppress(OSError):
+        stream.seek(-len(_INSTA360), os.SEEK_END)
+        return stream.read() == _INSTA360
+    return False
+
+
+def _check_size(place: str, width: int, height: int, most: int) -> None:
+    """Raises UnshutterError if frames are too small or too large to be processed."""
+    if not width or not height:
+        raise UnshutterError("{clip} does not state the size of its frames", clip=place)
+    size = f"{width}x{height} px"
+    if width * height > most:
+        millions = f"({width * height / 1e6:.0f} megapixels), more than the limit of {most / 1e6:g} megapixels"
+        raise UnshutterError(f"{{clip}} has frames of {size} {millions}: see {{--max-pixels}}", clip=place)
+    check_size(height, width, "{clip}: a frame", clip=place)

@@ -1,0 +1,247 @@
+"""Chooses the encoding of frames: that of the clip, unless the user chooses another."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from unshutter.errors import UnshutterError, UsageError, shortened
+from unshutter.frames.pyav import VIDEO_FORMATS, av
+from unshutter.options.clip_options import Encode
+from unshutter.reasons import JsonObject
+from unshutter.video.file.clip_facts import ClipFacts, Coding
+
+if TYPE_CHECKING:
+    from av.container import OutputContainer
+    from av.video.stream import VideoStream
+
+
+# FFmpeg's name of a codec -> the encoder that writes it
+_ENCODERS = {
+    "h264": "libx264",
+    "hevc": "libx265",
+    "av1": "libsvtav1",
+    "libdav1d": "libsvtav1",
+    "vp9": "libvpx-vp9",
+    "libvpx-vp9": "libvpx-vp9",
+    "prores": "prores_ks",
+}
+_CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
+_X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
+_PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
+_SMALLER_CRF = {
+    "libx264": 23,
+    "libx265": 28,
+    "libsvtav1": 35,
+    "libvpx-vp9": 32,
+}  # the encoders' own defaults; VP9 has none
+_QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
+_BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # encoders that can take the bit rate of a clip of the same codec
+_PROFILES = {
+    "prores_ks": {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"},
+    "dnxhd": {f"DNXHR {each}": f"dnxhr_{each.lower()}" for each in ("LB", "SQ", "HQ", "HQX", "444")},
+}
+REDUCED = {"yuv444p12le": "yuv444p10le", "yuva444p12le": "yuva444p10le"}  # decoded ProRes 4444 -> what is encoded
+_CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # frames are numbered and have no times of their own
+_COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # time bases have at most 16 bits
+_MOST_TICKS = 65_535  # per second, for these
+_LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
+_LAMBDA = 118  # FFmpeg's units per quality step
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """An encoder and its settings."""
+
+    name: str  # FFmpeg's name of the encoder
+    pixel_format: str  # format of the frames to encode
+    options: dict[str, str] = field(default_factory=dict)  # options of the encoder
+    qscale: int | None = None  # quality for encoders without CRF; None if CRF or a bit rate is set
+    bits_per_s: int | None = None  # target bit rate; None if the quality determines it
+    tagged: bool = True  # whether the video gets the codec tag of a clip of the same codec
+
+    @classmethod
+    def choose(cls, clip: ClipFacts, encode: Encode) -> Encoder:
+        """Chooses the encoder for a clip."""
+        name = encode.codec or clip.coding.name
+        name = _ENCODERS.get(name, name)
+        format_ = _checked(name, clip)
+        options = _speed(name, encode.preset)
+        same_codec = name == _ENCODERS.get(clip.coding.name, clip.coding.name)
+        rate = round(clip.coding.bits_per_s) if same_codec and encode.crf is None and name in _BY_RATE else 0
+        if name in _QSCALE and not rate:
+            return cls(name, format_, options, round(encode.crf) if encode.crf is not None else _QSCALE[name])
+        if name in _CRF and not rate:
+            options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
+        elif encode.crf is not None and name not in _CRF:
+            raise UsageError(f"{name} does not support {{--crf}}: leave it out")
+        if name == "libx264" and clip.frame_bytes > _LARGE:
+            options["rc-lookahead"] = "4"
+        if name == "libvpx-vp9":
+            options |= {"row-mt": "1"} if rate else {"b": "0", "row-mt": "1"}
+        if name == "libx265":
+            options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
+        if name == "libsvtav1" and (hdr := _hdr(clip, _svt_display, _svt_light)):
+            options["svtav1-params"] = ":".join(hdr)
+        return cls(name, format_, options, bits_per_s=rate or None)
+
+    def add_to(self, container: OutputContainer, clip: ClipFacts, size: tuple[int, int]) -> VideoStream:
+        """Adds a stream with this encoder to a container, for frames of a clip's kind and of a size (height, width)."""
+        coding = clip.coding
+        rate = coding.rate
+        try:
+            stream = cast("VideoStream", container.add_stream(self.name, rate=rate, options=dict(self.options)))
+        except ValueError:
+            raise UnshutterError(f"'{container.format.name}' files cannot contain {self.name}") from None
+        context = stream.codec_context
+        stream.height, stream.width, stream.pix_fmt = *size, self.pixel_format
+        context.time_base = _time_base(self.name, coding.time_base or 1 / rate, rate)
+        for name, code in coding.colours.items():
+            setattr(context, name, code)
+        if coding.pixel_aspect:
+            context.sample_aspect_ratio = coding.pixel_aspect
+        if self.qscale is not None:
+            context.qscale = True
+            context.global_quality = self.qscale * _LAMBDA
+        if self.bits_per_s is not None:
+            context.bit_rate = self.bits_per_s
+        if self.name == "mjpeg":
+            stream.options["strict"] = "unofficial"
+        if _ENCODERS.get(coding.name, coding.name) == self.name:
+            _follow(stream, coding, self.tagged)
+        return stream
+
+
+def _checked(name: str, clip: ClipFacts) -> str:
+    """Returns the pixel format for an encoder; raises if the encoder is missing or does not support the frames."""
+    try:
+        codec = av().Codec(name, "w")
+    except ValueError:
+        raise UnshutterError(
+            f"this FFmpeg has no encoder '{shortened(name)}': {_other_encoder(clip.pixels.name)}"
+        ) from None
+    if codec.type != "video":
+        raise UsageError(f"'{name}' is not a video encoder: choose libx264, libx265, libsvtav1 or prores_ks")
+    takes = [each.name for each in codec.video_formats or []]
+    if not takes or clip.pixels.name in takes:
+        return clip.pixels.name
+    if name == "prores_ks" and REDUCED.get(clip.pixels.name) in takes:
+        return REDUCED[clip.pixels.name]
+    raise UnshutterError(
+        f"{name} cannot write frames of the format {clip.pixels.name}: {_other_encoder(clip.pixels.name)}"
+    )
+
+
+def writable(clip: ClipFacts) -> JsonObject:
+    """Describes, as JSON, the encoder for a clip's own codec, and the usual ones that this FFmpeg has for its frames.
+
+    Each has its presets and two CRF values, for results that look like the clip and for files about half as large.
+    """
+    own = _ENCODERS.get(clip.coding.name, clip.coding.name)
+    usual = [name for name in dict.fromkeys([*_ENCODERS.values(), "ffv1"]) if _takes(name, clip)]
+    described = {
+        name: {
+            "presets": list(_PRESETS.get(name, ())),
+            "crf": [_CRF[name], _SMALLER_CRF[name]] if name in _CRF else [],
+        }
+        for name in (own, *usual)
+    }
+    by_rate = own in _BY_RATE and clip.coding.bits_per_s > 0
+    return {"own": own, "keeps_rate": by_rate, "usual": usual, "described": described}
+
+
+def _takes(name: str, clip: ClipFacts) -> bool:
+    """Returns whether this FFmpeg has an encoder, for the clip's frames and its file's format."""
+    try:
+        _checked(name, clip)
+    except UnshutterError:
+        return False
+    kind = VIDEO_FORMATS.get(Path(clip.path).suffix.lower())
+    if kind is None:
+        return True
+    with av().open(BytesIO(), "w", format=kind) as container:
+        return av().Codec(name, "w").canonical_name in container.supported_codecs
+
+
+def others_for(pixel_format: str) -> Iterator[str]:
+    """Yields the names of usual encoders that take frames of a format."""
+    for name in ("libx264", "libx265", "prores_ks", "ffv1", "libx264rgb", "libvpx-vp9"):
+        if pixel_format in [each.name for each in av().Codec(name, "w").video_formats or []]:
+            yield name
+
+
+def _other_encoder(pixel_format: str) -> str:
+    """Returns the advice to choose another encoder, and names one that takes such frames."""
+    such_as = next((f", such as {name}" for name in others_for(pixel_format)), "")
+    return f"choose another encoder with {{--codec}}{such_as}"
+
+
+def _speed(name: str, preset: str | None) -> dict[str, str]:
+    if preset is None:
+        return {}
+    if name not in _PRESETS:
+        raise UsageError(f"{name} has no presets: leave out {{--preset}}")
+    if preset not in _PRESETS[name]:
+        raise UsageError(f"{name} has no preset '{shortened(preset)}': choose one of {', '.join(_PRESETS[name])}")
+    return {"preset": preset}
+
+
+def _time_base(name: str, video_base: Fraction, rate: Fraction) -> Fraction:
+    """Returns the time base for an encoder: the video's own if the encoder supports it."""
+    if name in _CONSTANT_RATE:
+        return 1 / rate
+    if name in _COARSE and video_base.denominator > _MOST_TICKS:
+        rate = rate.limit_denominator(1001)
+        return Fraction(1, rate.numerator * max(_MOST_TICKS // rate.numerator, 1))
+    return video_base
+
+
+def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:
+    """Copies the settings that only an encoder of the same kind can adopt."""
+    context = stream.codec_context
+    tag = coding.tag
+    if tagged and tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4:
+        context.codec_tag = tag
+    if coding.profile in _PROFILES.get(context.name, {}):
+        stream.options["profile"] = _PROFILES[context.name][coding.profile]
+
+
+# ---- mastering display ---------------------------------------------------------------------------------
+
+
+def _hdr(clip: ClipFacts, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
+    """Returns a clip's mastering display and light levels as encoder settings."""
+    side_data = clip.side_data
+    settings = []
+    if len(raw := side_data.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
+        numbers = struct.unpack("=20i", raw[:80])
+        values = [n / d if d else 0.0 for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
+        if all(struct.unpack("=2i", raw[80:88])):
+            settings.append(display(values))
+    if len(raw := side_data.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
+        settings.append(light(*struct.unpack("=2I", raw[:8])))
+    return settings
+
+
+def _x265_display(v: list[float]) -> str:
+    red, green, blue, white = ([round(50_000 * x) for x in v[k : k + 2]] for k in (0, 2, 4, 6))
+    points = "".join(f"{n}({x},{y})" for n, (x, y) in (("G", green), ("B", blue), ("R", red), ("WP", white)))
+    return f"hdr10=1:repeat-headers=1:master-display={points}L({round(1e4 * v[9])},{round(1e4 * v[8])})"
+
+
+def _x265_light(most: int, average: int) -> str:
+    return f"max-cll={most},{average}"
+
+
+def _svt_display(v: list[float]) -> str:
+    points = "".join(f"{n}({v[k]:.5f},{v[k + 1]:.5f})" for n, k in (("G", 2), ("B", 4), ("R", 0), ("WP", 6)))
+    return f"mastering-display={points}L({v[9]:.4f},{v[8]:.4f})"
+
+
+def _svt_light(most: int, average: int) -> str:
+    return f"content-light={most},{average}"

@@ -1,0 +1,385 @@
+"""Writes videos: the new one, whose frames are encoded and everything else copied; and previews of before and after."""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import struct
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.pyav import VIDEO_FORMATS, av
+from unshutter.options.clip_options import Encode
+from unshutter.photo import Photo
+from unshutter.photo.photo import PREVIEW
+from unshutter.progress import ClipObserver
+from unshutter.storage.files import written_whole
+from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
+from unshutter.video.file.containers import COVER, VideoFile, opened, time_of
+from unshutter.video.file.encoders import REDUCED, Encoder, others_for
+from unshutter.video.file.pixels import upright
+from unshutter.video.file.work import Stage, Work
+
+if TYPE_CHECKING:
+    from av import Packet, VideoFrame
+
+    from unshutter.motion.shapes import UInt8
+
+
+_TELLING_S = 2.0  # s of the new video from which its size is predicted
+_ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
+_CLOCKS = ("mpegts", "mpeg")  # formats whose times begin anywhere
+_USUAL = (".mp4", ".mov", ".mkv")  # file endings of previews, which are offered instead of another, too
+_MP4 = (".mp4", ".mov", ".m4v", ".lrv")
+
+
+class VideoWriter:
+    """Writes a video from two streams: frames, and packets of the clip's other streams, which are merged by time.
+
+    Attributes:
+        waiting: packets, in order, that are written before the next later frame. They may be added by another thread.
+        left_out: what the video cannot hold.
+        covers: cover pictures that are not written with the video.
+
+    Args:
+        container: PyAV's, open for writing.
+        source: the clip's file, open.
+        ending: file ending of the video, if tags and other streams are copied too; None if not.
+        size: height and width of the frames [px].
+        start_s: time in the input that becomes 0 in the new video [s].
+        work: counts encoded frames; its observer receives the bit rates of the clip and of the new video if they differ
+            considerably, once and early.
+    """
+
+    def __init__(
+        self,
+        container: Any,
+        source: VideoFile,
+        clip: ClipFacts,
+        encoder: Encoder,
+        ending: str | None,
+        size: tuple[int, int],
+        start_s: float,
+        work: Work,
+    ):
+        self._container = container
+        self._pixel_format = encoder.pixel_format
+        like = source.video
+        self._stream = encoder.add_to(container, clip, size)
+        self._streams: dict[int, Any] = {}
+        self.waiting: deque[Packet] = deque()
+        self.left_out: list[str] = []
+        self.covers: list[bytes] = []
+        self._stream.metadata.update(_portable_tags(like.metadata))
+        with suppress(ValueError, AttributeError):
+            self._stream.disposition = like.disposition
+        if ending is not None:
+            container.metadata.update(_portable_tags(source.container.metadata))
+            self._add_others(source, clip.others.first, ending)
+            if source.container.chapters():
+                container.set_chapters(source.container.chapters())
+        self._shift = start_s
+        self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
+        if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
+            self.left_out.append(f"the last 2 of 12 bits of each colour ({encoder.name} writes 10)")
+        self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
+        self._clip = clip
+        self._bytes = 0
+        self._packets = 0
+        self._work = work
+        self._observer: ClipObserver | None = work.observer  # None once it was told
+        self._last = -(1 << 62)  # time of the previous frame [units of the encoder]
+        if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
+            self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
+
+    def _add_others(self, source: VideoFile, first: dict[int, bytes], ending: str) -> None:
+        for stream in source.container.streams:
+            if stream.index == source.video.index:
+                continue
+            packet = first.get(stream.index)
+            tags = stream.metadata
+            if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
+                continue  # the titles of the chapters, which the container writes again
+            cover = packet if stream.disposition & COVER else None
+            if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
+                self._stream.metadata["timecode"] = tags["timecode"]  # the container makes its own track from it
+            elif cover is not None and ending in _MP4:
+                self.covers.append(cover)
+            elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
+                kind = "image/png" if cover is not None and stream.codec_context.name == "png" else "image/jpeg"
+                name = tags.get("filename") or f"cover.{kind[-3:]}"
+                kind = tags.get("mimetype") or kind
+                self._container.add_attachment(name, kind, stream.data if cover is None else cover)
+            elif _takes(ending, stream.type, partial(_begin_copy, path=source.path, stream=stream, data=packet)):
+                self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
+                copy.metadata.update(_portable_tags(tags))
+            else:
+                self.left_out.append(f"stream {stream.index} ({_name(stream)})")
+
+    def add_frame(self, frame: VideoFrame) -> None:
+        """Writes the next rectified frame, with the times of the original, after the packets that come before it."""
+        self._add_packets(frame.time or 0.0)
+        if frame.format.name != self._pixel_format:
+            frame = frame.reformat(format=self._pixel_format)
+        frame.pict_type = 0  # the encoder chooses the key frames
+        if frame.pts is not None and frame.time_base:
+            base = self._stream.codec_context.time_base
+            ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
+            frame.pts = self._last = max(ticks, self._last + 1)
+            frame.time_base = base
+        self._put(lambda: self._add_encoded(self._stream.encode(frame)))
+
+    def _add_packets(self, until_s: float) -> None:
+        while self.waiting and (self.waiting[0].dts or 0) * self.waiting[0].time_base <= until_s:
+            self._add_packet(self.waiting.popleft())
+
+    def _add_packet(self, packet: Packet) -> None:
+        """Writes the next packet of another stream."""
+        copy = self._streams.get(packet.stream_index)
+        if copy is None or packet.dts is None or (packet.is_discard and (time_of(packet) or 0.0) < -_PRIMING_S):
+            return
+        by = round(self._shift / packet.time_base)
+        earliest = self._earliest_dts.get(packet.stream_index, packet.dts - by)
+        packet.dts = max(packet.dts - by, earliest)
+        self._earliest_dts[packet.stream_index] = packet.dts + 1
+        if packet.pts is not None:
+            packet.pts = max(packet.pts - by, packet.dts)
+        packet.stream = copy
+        self._put(lambda: self._container.mux(packet))
+
+    def end(self) -> None:
+        """Completes the file after the last frame."""
+        self._add_packets(math.inf)
+        self._put(lambda: self._add_encoded(self._stream.codec_context.encode_lazy(None)))
+        self._put(self._container.close)
+
+    def _add_encoded(self, encoded: Iterable[Packet]) -> None:
+        """Writes the next packets of the video; compares its bit rate with the clip's once it can be predicted."""
+        for packet in encoded:
+            packet.stream = self._stream
+            self._bytes = self._bytes + packet.size
+            self._packets = self._packets + 1
+            self._container.mux(packet)
+            self._work.advance(Stage.ENCODE)
+        seconds = self._packets * self._clip.interval_s
+        if self._observer is None or seconds < _TELLING_S or not self._clip.coding.bits_per_s:
+            return
+        rate = 8 * self._bytes / seconds
+        if not 1 / _ALIKE < rate / self._clip.coding.bits_per_s < _ALIKE:
+            self._observer.note_rate(self._clip.coding.bits_per_s, rate)
+        self._observer = None
+
+    def _put(self, step: Any) -> None:
+        try:
+            step()
+        except av().error.FFmpegError as error:
+            cause = "the disc is full" if error.errno == errno.ENOSPC else error.strerror
+            if error.errno == errno.EINVAL:
+                cause = f"{self._kind} does not take its frames or their times; try another {{--codec}}, or .mkv"
+            raise UnshutterError(f"cannot encode the clip: {cause}") from None
+
+
+def check_endings(video: Path, preview: Path | None) -> None:
+    """Raises UnshutterError if a video cannot have its name, or a preview is neither a picture nor a video."""
+    check_ending(video.suffix)
+    if preview is not None and preview.suffix.lower() not in (*_USUAL, *_PREVIEWS):
+        raise UsageError(f"a preview is a picture (.jpg, .png) or a video (.mp4), not {preview.name}")
+
+
+def check_ending(ending: str) -> None:
+    """Raises UnshutterError if no video that is one file has this file ending."""
+    if ending.lower() in _PICTURES:
+        raise UnshutterError(
+            f"'{ending}' is not a video: write video.mkv, and take it apart, ffmpeg -i video.mkv out/%05d{ending}"
+        )
+    if ending.lower() not in VIDEO_FORMATS:
+        problem = f"no video that is one file ends in '{ending}'" if ending else "the name of the video has no ending"
+        raise UnshutterError(f"{problem}: use .mp4, .mov or .mkv")
+
+
+@contextmanager
+def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[Any]:
+    """Opens a container for writing.
+
+    Args:
+        ticks: time units per second for the file as a whole, if it has any.
+    """
+    check_ending(ending)
+    options = {"fflags": "+bitexact"}  # otherwise Matroska and MXF get random numbers and the time of writing
+    if ending.lower() in _MP4:
+        early = "+faststart" if isinstance(place, Path) else ""
+        options = {"movie_timescale": str(ticks), "movflags": f"use_metadata_tags{early}"}
+    file = str(place) if isinstance(place, Path) else place
+    try:
+        container = av().open(file, "w", format=VIDEO_FORMATS[ending.lower()], container_options=options)
+    except (ValueError, av().error.FFmpegError) as error:
+        raise UnshutterError(f"cannot write the clip: {error}") from None
+    try:
+        yield container
+    finally:
+        with suppress(Exception):  # the first error has already been raised
+            container.close()
+
+
+def start_of(clip: ClipFacts, ending: str) -> float:
+    """Returns the time of a clip that becomes 0 in a video of another kind [s], which may hide what is before 0."""
+    if clip.kind in _CLOCKS and clip.kind != VIDEO_FORMATS[ending]:
+        return clip.start_s
+    return min(clip.start_s, 0.0) if clip.timing.start < 0 else 0.0
+
+
+def holds_covers(ending: str, clip: ClipFacts) -> bool:
+    """Whether a video of this file ending gets its cover pictures from ``mp4.write_with_covers``."""
+    return ending.lower() in _MP4 and clip.others.has_covers
+
+
+def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
+    """Returns the encoder as a video of some file ending takes it: with the clip's codec tag if possible.
+
+    The error names endings and encoders that were tried and work.
+    """
+
+    def add_frame(container: Any, encoder: Encoder) -> None:
+        stream = encoder.add_to(container, clip, (clip.height, clip.width))
+        frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
+        frame.pts = 0
+        frame.time_base = stream.codec_context.time_base
+        for packet in [*stream.encode(frame), *stream.encode(None)]:
+            packet.dts = packet.pts  # which libx265 gets wrong for a single frame
+            container.mux(packet)
+
+    def fits(ending: str, encoder: Encoder) -> bool:
+        return _takes(ending, "video", partial(add_frame, encoder=encoder))
+
+    untagged = replace(encoder, tagged=False)
+    for trial in (encoder, untagged):
+        if fits(ending, trial):
+            return trial
+    endings = [other for other in _USUAL if fits(other, untagged)]
+    others = (Encoder.choose(clip, Encode(name)) for name in others_for(clip.pixels.name))
+    codec = next((f"add {{--codec}} {other.name}" for other in others if fits(ending, other)), "")
+    names = f"end the name in {' or '.join(endings)}" if endings else ""
+    ways = ", or ".join(filter(None, (names, codec))) or "choose another {--codec}"
+    raise UnshutterError(
+        f"cannot write {encoder.name} into {ending} videos ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
+        f"{ways}"
+    )
+
+
+def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
+    """Whether a video can hold a stream; many formats report late or never what they leave out."""
+    file = io.BytesIO()
+    try:
+        with writing(file, ending) as container:
+            fill(container)
+            container.close()
+        file.seek(0)
+        with av().open(file) as back:
+            found = [stream for stream in back.streams if stream.type == kind]
+            return any(kind != "video" or (each.codec_context and each.codec_context.pix_fmt) for each in found)
+    except (ValueError, UnshutterError, av().error.FFmpegError):
+        return False
+
+
+def _begin_copy(container: Any, path: str, stream: Any, data: bytes | None) -> None:
+    """Adds a stream like another to a container, with a first packet of these data."""
+    packet = av().Packet(bytes(4) if data is None else data)
+    packet.stream = _add_copy(container, path, stream)
+    packet.pts = 0
+    packet.dts = 0
+    container.mux(packet)
+
+
+def _add_copy(container: Any, path: str, stream: Any) -> Any:
+    """Returns a stream of a container that is like another, of the clip's file."""
+    sound = stream.codec_context if stream.type == "audio" else None  # None, too, if FFmpeg does not know the codec
+    if sound is not None and sound.delay > _PRIMING_S * stream.rate:
+        # FFmpeg 9 calls all sound that an edit list hides priming, and the new video would be silent for as long
+        with opened(path, ignore_editlist="1") as source:
+            copy = container.add_stream_from_template(source.container.streams[stream.index], opaque=True)
+    else:
+        copy = container.add_stream_from_template(stream, opaque=True)
+    with suppress(ValueError, AttributeError):
+        copy.disposition = stream.disposition
+    if sound is not None and "channels" in sound.layout.name and stream.channels <= 2:
+        copy.codec_context.layout = ("mono", "stereo")[stream.channels - 1]  # as players take it; MP4 must say it
+    return copy
+
+
+def _name(stream: Any) -> str:
+    if stream.disposition & COVER:
+        return "cover picture"
+    tags = stream.metadata
+    codec = stream.codec_context
+    codec_name = f", {codec.name}" if codec is not None else ""
+    return tags.get("handler_name", "").strip() or tags.get("filename") or f"{stream.type}{codec_name}"
+
+
+def _portable_tags(tags: Any) -> dict[str, str]:
+    return {key: value for key, value in dict(tags).items() if key not in _REGENERATED}
+
+
+_REGENERATED = {"encoder", "major_brand", "minor_version", "compatible_brands"}
+
+
+# ---- previews ----------------------------------------------------------------------------------------------------
+
+_MOMENTS = 5
+_WIDTH = 640  # px, of each half
+_LONGEST_S = 10.0
+_PREVIEWS = (".jpg", ".jpeg", ".png")
+
+
+def write_preview(
+    path: Path, before: ClipFacts, after: str, start_s: float | None, frames: int, overwrite: bool
+) -> None:
+    """Writes a preview of a rectified clip.
+
+    Args:
+        start_s: time in the original at which the rectified part begins [s]; None if it is the whole clip.
+        frames: number of frames in the rectified file.
+    """
+    both = zip(before.frames_between(start_s or None), read_clip_facts(after).frames_between(), strict=False)
+    pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
+    if path.suffix.lower() not in _USUAL:
+        moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
+        rows = [pair for k, pair in enumerate(pairs) if k in moments]
+        Photo.from_array(np.concatenate(rows), software=PREVIEW).save(path, quality=90, overwrite=overwrite)
+        return
+    with written_whole(path, overwrite) as part, writing(part, path.suffix) as container:
+        first = islice(pairs, round(_LONGEST_S / before.interval_s))
+        encode_pairs(container, first, before.interval_s, "libx264", {"crf": "20", "preset": "fast"})
+
+
+def _small_picture(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
+    """Returns a frame upright and small, in RGB."""
+    height = 2 * round(_WIDTH * frame.height / frame.width / 2)
+    return upright(frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray(), frame)
+
+
+def encode_pairs(
+    container: Any, pairs: Iterable[np.ndarray], interval_s: float, encoder: str, options: dict[str, str]
+) -> None:
+    """Encodes pictures uint8 [H, W, 3], all of one size, into a container that is open for writing."""
+    stream = None
+    for pair in pairs:
+        if stream is None:
+            rate = Fraction(1 / interval_s).limit_denominator(1001)
+            stream = container.add_stream(encoder, rate=rate, options=options)
+            stream.height, stream.width, stream.pix_fmt = *pair.shape[:2], "yuv420p"
+        container.mux(stream.encode(av().VideoFrame.from_ndarray(pair, format="rgb24")))
+    if stream is not None:
+        container.mux(stream.encode(None))

@@ -1,0 +1,1 @@
+"""Gyro logs: read, and synchronised with the frames."""

@@ -1,0 +1,127 @@
+"""Links the frames of a clip to their neighbours by optical flow, for near and far objects that move differently.
+
+The flow is computed on small grey copies (frames/neighbours.py). It determines where each pixel of a rectified frame is
+sampled, in the frame itself and, for areas that it does not show, in its neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.frame_motion import Timing
+from unshutter.frames.neighbours import Link, copy_side, link, motion_field
+from unshutter.options.clip_options import ClipUndo
+from unshutter.orientation import ScanDirection
+from unshutter.video.file.clip import Clip, ClipRequest
+from unshutter.video.file.work import Stage
+from unshutter.video.render.clip_motion import MovingFrame
+from unshutter.video.render.frame_map import FrameMap
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import UInt, UInt8
+
+
+_ALMOST_ALL = 0.8  # share of the picture found in both frames
+_MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this large, the flow is computed at half the size
+
+
+@dataclass(frozen=True)
+class Lender:
+    """A frame from which another one may borrow areas that it does not show."""
+
+    planes: list[UInt[np.ndarray, "rows columns *bands"]]  # its pixels as stored
+    where: FrameMap  # where each pixel of the rectified frame is sampled in it
+
+
+@dataclass(frozen=True)
+class LinkedFrame:
+    """A frame and the flow between it and its neighbours."""
+
+    moving: MovingFrame  # the frame, with the camera's motion if known
+    links: dict[int, Link]  # -1 and 1 -> the flow to the previous and next frames, if they show the same scene
+    # -1 and 1 -> pixels of these frames, if they may be borrowed
+    planes: dict[int, list[UInt[np.ndarray, "rows columns *bands"]]]
+    timing: Timing  # the clock of the clip
+    scan_direction: ScanDirection  # direction in which its stored pixels were read
+
+    def maps(self, undo: ClipUndo) -> tuple[FrameMap | None, list[Lender]]:
+        """Returns where each pixel of the rectified frame is sampled, in the frame itself and in possible lenders.
+
+        The first is None if the neighbours are inconclusive.
+        """
+        if not self.links or not undo.strength:
+            return None, []
+        motion = motion_field(self.links, self.timing, self.timing.moment(undo.reference))
+        if motion.reason:
+            return None, []
+        own = motion.field.shift(0)
+        remainder = (1 - undo.strength) * own  # remaining distortion
+        lenders = [
+            Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - remainder))
+            for side, planes in self.planes.items()
+        ]
+        return self._map(own - remainder), lenders
+
+    def _map(self, shift: np.ndarray) -> FrameMap:
+        """Converts the shift of every pixel of the small copy to the map of a whole frame."""
+        frame = self.moving.frame
+        return FrameMap.along(shift, self.scan_direction, frame.height, frame.width, self.moving.view)
+
+
+def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) -> Iterator[LinkedFrame]:
+    """Yields the frames of a clip linked to their neighbours; three are held at a time."""
+    timing = Timing(ratio, request.frame_size[0])
+    before: _Copied | None = None
+    current: _Copied | None = None
+    for moving in frames:
+        following = _Copied.of(request, moving)
+        if current is not None:
+            current.connect(request.clip, following, ratio)
+            yield current.with_neighbours(before, following, timing, request.scan_direction)
+            request.work.advance(Stage.LINK)
+        before, current = current, following
+    if current is not None:
+        yield current.with_neighbours(before, None, timing, request.scan_direction)
+
+
+@dataclass
+class _Copied:
+    """A frame and the small copy in which flow is computed."""
+
+    moving: MovingFrame
+    copy: UInt8[np.ndarray, "rows columns"]  # small and grey, in the readout frame
+    planes: list[np.ndarray]  # empty unless pixels are borrowed
+    to_next: Link | None = None  # flow to the next frame
+
+    @classmethod
+    def of(cls, request: ClipRequest, moving: MovingFrame) -> _Copied:
+        clip, borrow = request.clip, request.options.undo.edges == "borrow"
+        side = min(copy_side(clip.height, clip.width), _MOST_ROWS)
+        # The frame itself may be overwritten before its neighbours are warped.
+        planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
+        return cls(moving, request.grey(moving.frame, side), planes)
+
+    def connect(self, clip: Clip, following: _Copied, ratio: float) -> None:
+        """Computes the flow to the next frame, unless they are not neighbours or show different scenes."""
+        apart = clip.since(self.moving.frame, following.moving.frame)
+        if apart is None or apart < ratio:
+            return
+        with suppress(UnshutterError):
+            flow_to_next = link(self.copy, following.copy, apart, int(min(self.copy.shape) >= _MOST_ROWS))
+            # No common motion means a cut, or very different depths: the latter keep nearly all of the picture in view.
+            if not following.moving.cut or flow_to_next.flow.consistent >= _ALMOST_ALL:
+                self.to_next = flow_to_next
+
+    def with_neighbours(
+        self, before: _Copied | None, after: _Copied | None, timing: Timing, scan_direction: ScanDirection
+    ) -> LinkedFrame:
+        beside = {-1: (before, before and before.to_next), 1: (after, self.to_next)}
+        links = {side: to for side, (frame, to) in beside.items() if frame is not None and to is not None}
+        planes = {side: frame.planes for side, (frame, _) in beside.items() if side in links and frame and frame.planes}
+        return LinkedFrame(self.moving, links, planes, timing, scan_direction)

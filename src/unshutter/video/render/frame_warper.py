@@ -1,0 +1,188 @@
+"""Renders the frames of a clip that a global shutter would have taken: by the camera's motion or, for depths, by flow.
+
+Planes are sampled at the positions that a FrameMap gives (frame_map.py). Unlike photos, frames are not averaged: grain
+would vary from row to row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from unshutter.motion import Motion
+from unshutter.motion.edges import EdgePolicy, valid_window
+from unshutter.motion.grid import Tile
+from unshutter.motion.verdict import undone_part
+from unshutter.options.clip_options import ClipUndo
+from unshutter.video.file.clip import Clip
+from unshutter.video.file.pixels import Frame, of_file
+from unshutter.video.render.clip_motion import MovingFrame
+from unshutter.video.render.frame_links import Lender, LinkedFrame
+from unshutter.video.render.frame_map import FrameMap, Scratch, View, blacken, borrow_plane, on_plane, warp_plane
+
+_SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
+_COARSE = 8  # px between points checked for a crop; its multiples are whole chroma pixels
+
+
+@dataclass(frozen=True)
+class NewFrame:
+    """A frame ready for encoding."""
+
+    source: MovingFrame  # the original frame and its motion
+    picture: Frame  # its pixels, time and colours; the original frame itself if nothing moved
+
+
+@dataclass(frozen=True)
+class Warper:
+    """Renders the rectified frames of a clip."""
+
+    clip: Clip
+    undo: ClipUndo  # how motion is undone
+    window: Tile | None = None  # the part of each frame to keep; None for all of it
+    _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the output frames [px]."""
+        w = self.window
+        return (self.clip.height, self.clip.width) if w is None else (w.bottom - w.top, w.right - w.left)
+
+    def motion(self, moving: MovingFrame) -> Motion:
+        """Returns the part of a frame's motion that is undone, at the reference row."""
+        return undone_part(moving.motion, self.undo)
+
+    def __call__(self, frame: MovingFrame | LinkedFrame) -> NewFrame:
+        """Returns the frame to encode."""
+        return self._by_flow(frame) if isinstance(frame, LinkedFrame) else self.rectified(frame)
+
+    def rectified(self, moving: MovingFrame) -> NewFrame:
+        """Rectifies a frame by the camera's motion."""
+        motion, frame, view = self.motion(moving), moving.frame, moving.view
+        if motion.is_zero and view is None:
+            return NewFrame(moving, frame if self.window is None else self._dressed(frame, frame))
+        picture = self._warped(frame, FrameMap.of(motion, frame.height, frame.width, view))
+        return NewFrame(moving, self._dressed(picture, frame))
+
+    def _by_flow(self, linked: LinkedFrame) -> NewFrame:
+        """Rectifies a frame by the flow to its neighbours or, if they are inconclusive, by the camera's motion."""
+        moving, frame = linked.moving, linked.moving.frame
+        where, lenders = linked.maps(self.undo)
+        if where is None:
+            return self.rectified(moving)
+        picture = self._warped(frame, where)
+        if lenders:
+            self._borrow(lenders, picture, where)
+        return NewFrame(replace(moving, dense=True), self._dressed(picture, frame))
+
+    def _warped(self, frame: Frame, frame_map: FrameMap) -> Frame:
+        """Returns the rectified pixels of a frame."""
+        pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
+        picture = pixels.blank(frame, self.clip.height, self.clip.width)
+        full = pixels.is_full_range(frame)
+        mirror = EdgePolicy(self.undo.edges).black_beyond is None
+        planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
+        for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
+            alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
+            black = [each.black_full if full else each.black for each, _, _ in alike for _ in range(each.bands)]
+            beyond = self._beyond(across), self._beyond(down)
+            before, after = alike[0][1:]
+            if len(alike) > 1:  # one with several bands is warped faster than several planes
+                before = cv2.merge([old for _, old, _ in alike])
+                after = np.empty_like(before)
+            for rows, positions in frame_map.positions(across, down, self._scratches[0]):
+                warp_plane(before, positions, after[rows], limit, mirror)
+                if not mirror and math.isfinite(beyond[0]):
+                    blacken(positions, after[rows], black, beyond, *before.shape[:2])
+            if len(alike) > 1:
+                for k, (_, _, new) in enumerate(alike):
+                    cv2.extractChannel(after, k, new)
+        return picture
+
+    def _beyond(self, subsampling: int) -> float:
+        """Returns how far outside a plane's last pixels positions are not yet black [px of the plane]."""
+        beyond = EdgePolicy(self.undo.edges).black_beyond or 0.0
+        return (beyond - 0.5) / subsampling + 0.5
+
+    def _borrow(self, lenders: list[Lender], picture: Frame, own: FrameMap) -> None:
+        """Fills areas that a frame does not show from its neighbours, in the planes of the rectified frame."""
+        pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
+        for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
+            alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
+            out = pixels.arrays(picture)
+            size = out[alike[0]].shape[:2]
+            bands = [
+                each.positions(across, down, scratch)
+                for each, scratch in zip((own, *(lender.where for lender in lenders)), self._scratches, strict=False)
+            ]
+            for (rows, positions), *theirs in zip(*bands, strict=True):
+                missing = ~on_plane(positions, *size)
+                for lender, (_, there) in zip(lenders, theirs, strict=True):
+                    if not missing.any():
+                        break
+                    has = missing & on_plane(there, *size)
+                    for k in alike:
+                        borrow_plane(lender.planes[k], there, out[k][rows], has, limit)
+                    missing &= ~has
+
+    def _dressed(self, picture: Frame, frame: Frame) -> Frame:
+        """Returns the new pixels with the time, colours and side data of the original frame."""
+        if self.window is None and _SIDE_DATA & self.clip.side_data.keys():
+            of_file(frame).make_writable()
+            for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):
+                np.copyto(old, new)
+            return frame
+        return picture if self.window is None else self._cut(picture, self.window)
+
+    def _cut(self, frame: Frame, window: Tile) -> Frame:
+        pixels = self.clip.pixels
+        picture = pixels.blank(frame, *self.size)
+        for plane, old, new in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True):
+            top, left = window.top // plane.down, window.left // plane.across
+            np.copyto(new, old[top : top + new.shape[0], left : left + new.shape[1]])
+        return picture
+
+
+def common_window(warper: Warper, frames: Iterable[tuple[Motion, View | None]]) -> Tile | None:
+    """Returns the largest rectangle of the clip's shape that all rectified frames cover; None for all of it.
+
+    Args:
+        frames: motion (first row as the reference) and view of each.
+    """
+    clip = warper.clip
+    mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
+    for found, view in frames:
+        motion = undone_part(found, warper.undo)
+        if motion.is_zero and view is None:
+            continue
+        frame_map = FrameMap.of(motion, clip.height, clip.width, view)
+        last = frame_map.width / _COARSE - 2, frame_map.height / _COARSE - 2  # a margin of one spacing
+        for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
+            part = mask[rows]
+            inside = (col >= 1) & (col <= last[0]) & (row >= 1) & (row <= last[1])
+            part &= inside[: part.shape[0], : part.shape[1]]
+    if mask.all():
+        return None
+    window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window
+    return Tile(*(_COARSE * side for side in window))
+
+
+def side_by_side(warper: Warper, frames: Iterable[MovingFrame | LinkedFrame], threads: int) -> Generator[NewFrame]:
+    """Yields the frames to encode, in order, several warped in parallel."""
+    running: deque[Future[NewFrame]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for frame in frames:
+                running.append(pool.submit(warper, frame))
+                if len(running) > threads:
+                    yield running.popleft().result()
+            while running:
+                yield running.popleft().result()
+        finally:
+            for future in running:
+                future.cancel()

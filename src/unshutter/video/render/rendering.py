@@ -1,0 +1,203 @@
+"""Renders the frames of a clip as planned: with their motion from the frames, a file or a first pass, and their views.
+
+Frame -> MovingFrame -> (LinkedFrame ->) NewFrame
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.frame_motion import READOUT_FRACTION
+from unshutter.motion import Motion, RowMotion
+from unshutter.motion.finding import Finding
+from unshutter.motion.warp import thread_count
+from unshutter.video.calibrate.camera import ClipCamera
+from unshutter.video.calibrate.clip_gyro import level_rotations
+from unshutter.video.file.ahead import ahead
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.row_samples import ROWS
+from unshutter.video.file.work import Stage
+from unshutter.video.gyro.synchronisation import up_directions
+from unshutter.video.plan import Leave, Plan, Undo
+from unshutter.video.render.clip_motion import MovingFrame, with_motion
+from unshutter.video.render.enlargement import Enlargement
+from unshutter.video.render.frame_links import LinkedFrame, linked
+from unshutter.video.render.frame_map import StraightView, View
+from unshutter.video.render.frame_warper import NewFrame, Warper, side_by_side
+from unshutter.video.render.stabilisation import CameraPath, Stabilisation, stabilised
+
+if TYPE_CHECKING:
+    from unshutter.video.file.pixels import Frame
+
+_DECODED_AHEAD = 2  # frames, if they are small
+_LINKED_AHEAD = 1  # frames, all held in memory
+_MOVING_AHEAD = 8  # frames, if they are small
+_SOLVED = 9  # how often a pair of frames is part of a fit, usually
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """How the frames of a clip are rendered: each step runs ahead of the next in a thread of its own."""
+
+    request: ClipRequest
+    camera: ClipCamera
+    plan: Plan
+    # the frames' stabilised views; None if the camera's path is left unchanged
+    stabilisation: Stabilisation | None = None
+    straight: StraightView | None = None  # the view in which lines are straight; None if the lens is kept
+    path: CameraPath | None = None  # the frames' motion, if a first pass found it
+    enlargement: Enlargement | None = None  # that which hides the frames' borders; None if borders may show
+
+    def moving(self, frames: Iterator[Frame]) -> Generator[MovingFrame]:
+        """Yields frames with their motion."""
+        clip = self.request.clip
+        options = self.request.options
+        if any(each is not None for each in (self.straight, self.stabilisation, self.enlargement)):
+            return self._viewed(replace(self, straight=None, stabilisation=None, enlargement=None).moving(frames))
+        decoded = ahead(frames, clip.most_ahead(_DECODED_AHEAD))
+        if self.path is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
+            return self._with_known_motion(decoded)
+        rotations = self.camera.gyro and self.camera.gyro.rotations
+        with_steps = options.steadiness.stabilize is not None or options.save_motion is not None
+        moving = with_motion(self.request, decoded, self.camera.readout_time, rotations, with_steps)
+        return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
+
+    def view(self, number: int) -> View | None:
+        """Returns the view of a frame that is shown; None for the camera's own."""
+        view = self.straight if self.stabilisation is None else self.stabilisation.view(number)
+        return view if self.enlargement is None else self.enlargement.of(view)
+
+    def known(self) -> Iterator[tuple[Motion, View | None]]:
+        """Yields the frames' motions and views after a first pass, or of a clip that is left: each that differs."""
+        zero = RowMotion.zero(ROWS, ROWS)
+        if self.path is None:
+            yield zero, self.view(0)
+            return
+        for number in range(len(self.path)):
+            yield zero if isinstance(self.plan, Leave) else self.path.finding(number).motion, self.view(number)
+
+    def _viewed(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
+        with closing(frames):
+            for number, moving in enumerate(frames):
+                yield replace(moving, view=self.view(number))
+
+    def _with_known_motion(self, frames: Generator[Frame]) -> Generator[MovingFrame]:
+        plan = self.plan
+        unchanged = Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason) if isinstance(plan, Leave) else None
+        with closing(frames):
+            for number, frame in enumerate(frames):
+                self.request.work.advance(Stage.READ)
+                if self.path is not None:
+                    found = unchanged or self.path.finding(number)
+                    yield MovingFrame(frame, found, self.path.cuts[number], step=self.path.middle_steps[number])
+                elif unchanged is not None:
+                    yield MovingFrame(frame, unchanged)
+                elif isinstance(plan, Undo) and plan.motion is not None:
+                    found, cut, step = plan.motion.at(frame.time or 0.0)
+                    yield MovingFrame(frame, found, cut, step=step)
+
+    def rectified(self, warper: Warper, frames: Iterator[Frame]) -> Generator[NewFrame]:
+        """Yields the frames to encode."""
+        request = self.request
+        undo = self.request.options.undo
+        moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
+        if undo.model == "dense" and undo.strength and isinstance(self.plan, Undo):
+            ratio = self.camera.readout_time.ratio(request.clip.interval_s)
+            moving = ahead(linked(request, moving, ratio.value), _LINKED_AHEAD)
+        return side_by_side(warper, moving, thread_count())
+
+
+def expected(request: ClipRequest, plan: Plan) -> dict[Stage, int]:
+    """Returns how many items of its stages it takes to write a clip's frames as planned."""
+    options = request.options
+    frames = request.frames
+    is_steady = options.steadiness.stabilize is not None
+    needs_borders = isinstance(plan, Undo) and (options.may_enlarge or options.undo.edges == "crop")
+    passes = 2 if is_steady or needs_borders else 1
+    is_known = plan.motion is not None if isinstance(plan, Undo) else not is_steady
+    searches = 0 if is_known else 1
+    is_linked = options.undo.model == "dense" and isinstance(plan, Undo)
+    each = {Stage.FOLLOW: searches, Stage.FIT: _SOLVED * searches, Stage.READ: passes - searches}
+    each |= {Stage.LINK: is_linked, Stage.DRAW: 1, Stage.ENCODE: 1}
+    return {stage: frames * many for stage, many in each.items()}
+
+
+# ---- views --------------------------------------------------------------------------------------------------------
+
+
+def straight_view(request: ClipRequest) -> StraightView:
+    """Returns the view in which lines are straight; raises UnshutterError if the lens is unknown."""
+    if request.lens is None:
+        raise UnshutterError(
+            "{clip} shows no lens that bends lines, and none is known for its camera: name one with {--lens}",
+            clip=request.clip.path,
+        )
+    height, width = request.frame_size
+    return StraightView.of(request.lens, request.scan_direction, width / height)
+
+
+def with_steady_views(rendering: Rendering) -> Rendering:
+    """Returns how a clip is rendered stabilised, after a first pass that determines the camera's path."""
+    request = rendering.request
+    options = rendering.request.options
+    rotations = level_rotations(rendering.camera.gyro) if options.steadiness.level else None
+    motion = rendering.plan.motion if isinstance(rendering.plan, Undo) else None
+    path = _path_of(replace(rendering, plan=Undo(motion)), is_left=isinstance(rendering.plan, Leave))
+    if motion is not None and not any(path.middle_steps):
+        raise UnshutterError(
+            f"{options.motion} is from an earlier version and lacks the turns between frames: "
+            "save it again with {--save-motion}"
+        )
+    up = rotations and up_directions(rotations, np.array(path.times_s), READOUT_FRACTION[options.undo.reference])
+    steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
+    plan = replace(rendering.plan, frames=len(path)) if isinstance(rendering.plan, Leave) else rendering.plan
+    return replace(rendering, plan=plan, path=path, stabilisation=steady)
+
+
+def with_known_motion(rendering: Rendering) -> Rendering:
+    """Returns how a clip is rendered with the motion from a first pass, unless that is known or nothing is undone."""
+    if rendering.path is not None or isinstance(rendering.plan, Leave):
+        return rendering
+    return replace(rendering, path=_path_of(rendering))
+
+
+def with_hidden_borders(rendering: Rendering) -> Rendering:
+    """Returns how a clip is rendered with all frames enlarged alike, as far as a first pass finds necessary.
+
+    A stabilised path has its zoom already.
+    """
+    steady = rendering.stabilisation
+    if isinstance(rendering.plan, Leave) or (steady is not None and not steady.is_idle):
+        return rendering
+    rendering = with_known_motion(rendering)
+    assert rendering.path is not None
+    size = rendering.request.clip.height, rendering.request.clip.width
+    return replace(rendering, enlargement=Enlargement.least(rendering.path, *size, rendering.straight))
+
+
+def _path_of(rendering: Rendering, is_left: bool = False) -> CameraPath:
+    """Returns the motion of a clip's frames, none of which is undone if the clip is left."""
+    request = rendering.request
+    undo = replace(request.options.undo, strength=0.0) if is_left else request.options.undo
+    height, width = request.frame_size
+    path = CameraPath(undo, request.scan_direction, width / height, request.lens)
+    for moving in watched(rendering):
+        path.add(moving.found, moving.step, moving.cut, moving.frame.time or 0.0)
+    return path
+
+
+def watched(rendering: Rendering) -> Generator[MovingFrame]:
+    """Yields the frames with their motion, reporting progress for each: a pass before that which writes the video."""
+    steps = rendering.request.steps("looking")
+    options = rendering.request.options
+    decoded = rendering.request.clip.frames_between(options.start, options.end)
+    with closing(rendering.moving(decoded)) as frames:
+        for moving in frames:
+            steps.advance()
+            yield moving

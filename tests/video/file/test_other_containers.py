@@ -1,0 +1,121 @@
+"""Clips into films of another kind: each stream is kept, or named."""
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from support import clips
+from support.refusals import left_behind, refused
+from unshutter.cli import main
+from unshutter.video.file.clip_facts import read_clip_facts
+
+GREYS = clips.moving(6)[1]
+COVER = cv2.imencode(".jpg", np.full((32, 32, 3), 90, np.uint8))[1].tobytes()
+TIMECODE = "01:02:03:04"
+
+
+def written(capsys, source, target):
+    """What is not kept."""
+    assert main(["video", str(source), "-o", str(target), *clips.KNOWN]) == 0
+    assert np.allclose(times(target), times(source), atol=0.002)
+    said = capsys.readouterr()
+    return [line for line in (said.out + said.err).splitlines() if "not kept" in line]
+
+
+def times(path):
+    return np.array([frame.time for frame in read_clip_facts(path).frames_between()])
+
+
+def streams(path):
+    """(type, codec) of the streams other than the video."""
+    with av.open(str(path)) as video:
+        rest = [each for each in video.streams if each is not video.streams.video[0]]
+        return [(each.type, each.codec_context.name if each.codec_context else None) for each in rest]
+
+
+def covers(path):
+    with av.open(str(path)) as video:
+        pictures = {each.index for each in video.streams.video if each.disposition & 0x400}
+        return [bytes(packet) for packet in video.demux() if packet.stream_index in pictures and packet.size]
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".mov"])
+@pytest.mark.parametrize(
+    ("codec", "format_", "sound"),
+    [("mpeg4", "yuv420p", "mp2"), ("mjpeg", "yuvj420p", "pcm_s16le"), ("libx264", "yuv420p", "ac3")],
+)
+def test_avi(tmp_path, capsys, codec, format_, sound, ending):
+    source = clips.write(tmp_path / "in.avi", GREYS, codec, format_, sound=sound)
+    assert not written(capsys, source, tmp_path / f"out{ending}")
+    assert [kind for kind, _ in streams(tmp_path / f"out{ending}")] == ["audio"]
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".mov", ".mkv"])
+def test_cover_picture_and_attachment(tmp_path, capsys, ending):
+    made = clips.write(tmp_path / "made.mkv", GREYS, sound=True, tags={"title": "Walk", "OWN_TAG": "of its owner"})
+    source = tmp_path / "in.mkv"
+    with av.open(str(made)) as old, av.open(str(source), "w") as new:
+        copies = [new.add_stream_from_template(each, opaque=True) for each in old.streams]
+        new.metadata.update(old.metadata)
+        new.add_attachment("cover.jpg", "image/jpeg", COVER)
+        new.add_attachment("font.ttf", "font/ttf", b"1234")
+        for packet in old.demux():
+            if packet.size:
+                packet.stream = copies[packet.stream_index]
+                new.mux(packet)
+    target = tmp_path / f"out{ending}"
+    left_out = written(capsys, source, target)
+    assert covers(target) == [COVER]
+    assert set(clips.facts(target)["tags"].values()) >= {"Walk", "of its owner"}
+    assert ("font.ttf" in "".join(left_out)) == (("attachment", None) not in streams(target)) == (ending != ".mkv")
+    if ending == ".mp4":
+        assert not written(capsys, target, tmp_path / "again.mov")
+        assert covers(tmp_path / "again.mov") == [COVER]
+
+
+@pytest.mark.parametrize("ending", [".mov", ".mkv"])
+def test_timecode(tmp_path, capsys, ending):
+    source = clips.write(tmp_path / "in.mp4", GREYS, stream_tags={"timecode": TIMECODE})
+    assert ("data", None) in streams(source)
+    assert not written(capsys, source, tmp_path / f"out{ending}")
+    tags = clips.facts(tmp_path / f"out{ending}")["streams"][0]["tags"]
+    assert TIMECODE in (tags.get("timecode"), tags.get("TIMECODE"))
+
+
+@pytest.mark.parametrize(
+    ("sound", "ending", "kept"),
+    [("pcm_s16le", ".mp4", True), ("flac", ".mov", False), ("libopus", ".mp4", True), ("libopus", ".mov", False)],
+)
+def test_sound(tmp_path, capsys, sound, ending, kept):
+    source = clips.write(tmp_path / "in.mkv", GREYS, sound=sound)
+    left_out = written(capsys, source, tmp_path / f"out{ending}")
+    assert len(streams(tmp_path / f"out{ending}")) == kept
+    assert kept or f"stream 1 (audio, {sound.removeprefix('lib')})" in left_out[0]
+
+
+@pytest.mark.parametrize(("codec", "ending"), [("rawvideo", ".mov"), ("ffv1", ".mov"), ("huffyuv", ".mkv")])
+def test_a_codec_that_the_video_cannot_hold(tmp_path, capsys, codec, ending):
+    source = clips.write(tmp_path / "in.avi", GREYS, codec, "yuv422p" if codec == "huffyuv" else "yuv420p")
+    words = [source, "-o", tmp_path / f"out{ending}", *clips.KNOWN]
+    refused(capsys, words, 1, f"cannot write {codec} into {ending} videos", "add --codec libx264")
+    assert left_behind(tmp_path) == []
+
+
+def test_dnxhr(tmp_path, capsys):
+    greys = [np.pad(grey, ((0, 0), (0, 64)), mode="edge") for grey in GREYS]
+    source = clips.write(tmp_path / "in.mov", greys, "dnxhd", "yuv422p", options={"profile": "dnxhr_hq"})
+    assert not written(capsys, source, tmp_path / "out.mov")
+    assert clips.facts(tmp_path / "out.mov")["streams"][0]["profile"] == "DNXHR HQ"
+
+
+@pytest.mark.parametrize("name", ["out.mpd", "out.m3u8", "out.ismv", "out.bmp", "out.webp"])
+def test_films_of_several_files_are_refused(tmp_path, capsys, name):
+    source = clips.write(tmp_path / "in.mp4", GREYS)
+    (tmp_path / "chunk-stream0-00001.m4s").write_bytes(b"of another video")
+    before = sorted(tmp_path.iterdir())
+    refused(
+        capsys, [source, "-o", tmp_path / name, *clips.KNOWN], 1, "no video that is one file", "use .mp4, .mov or .mkv"
+    )
+    assert sorted(tmp_path.iterdir()) == before
+    assert (tmp_path / "chunk-stream0-00001.m4s").read_bytes() == b"of another video"

@@ -1,0 +1,71 @@
+"""Readout times that cameras write into their clips: GoPro's, Apple's, CAMM's."""
+
+import shutil
+import struct
+import subprocess
+
+import pytest
+
+from support import clips
+from support.gpmf import entry, with_samples
+from unshutter.video.file.camera_tags import CameraTags
+from unshutter.video.file.clip_facts import read_clip_facts
+from unshutter.video.file.mp4 import Movie
+
+
+def readout_tag(path):
+    with open(path, "rb") as stream:
+        return CameraTags.of(Movie.read(stream)).readout_time
+
+
+def with_srot(ms, kind=b"f", pack=">f"):
+    value = entry(b"SROT", kind, struct.pack(pack, ms), struct.calcsize(pack))
+    stream = entry(b"STRM", b"\0", entry(b"STNM", b"c", b"Exposure") + value)
+    return entry(b"DEVC", b"\0", entry(b"DVNM", b"c", b"Camera") + entry(b"STRM", b"\0", b"") + stream)
+
+
+def test_gopros_is_in_its_telemetry(tmp_path):
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"gpmd", with_srot(20.6)))
+    assert tag.camera == "GoPro" and tag.ms == pytest.approx(20.6, abs=1e-5)
+    tag = readout_tag(with_samples(tmp_path / "b.mp4", b"gpmd", with_srot(11, b"S", ">H")))
+    assert tag.ms == pytest.approx(11)
+
+
+def test_camms_is_the_skew_of_its_rows(tmp_path):
+    gyro = struct.pack("<HH3f", 0, 2, 0.1, 0.2, 0.3)
+    exposure = struct.pack("<HH2i", 0, 1, 8_000_000, 27_500_000)
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"camm", gyro + exposure + gyro))
+    assert (tag.ms, tag.camera) == (27.5, "CAMM")
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        (b"gpmd", with_srot(-3.0)),
+        (b"gpmd", with_srot(float("nan"))),
+        (b"gpmd", with_srot(5000.0)),
+        (b"gpmd", with_srot(20.6)[:30]),
+        (b"camm", struct.pack("<HH2i", 0, 1, 8_000_000, 0)),
+        (b"camm", struct.pack("<HH2i", 0, 1, 8_000_000, 27_500_000)[:6]),
+        (b"camm", struct.pack("<HH", 0, 99)),
+        (b"tmcd", with_srot(20.6)),
+    ],
+)
+def test_what_cannot_be_a_readout_time_is_none(tmp_path, kind, data):
+    assert readout_tag(with_samples(tmp_path / "a.mp4", kind, data)) is None
+
+
+def test_a_file_of_another_kind_has_none(tmp_path):
+    assert read_clip_facts(clips.write(tmp_path / "a.mkv", clips.standing())).camera == CameraTags()
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool writes Apple's key")
+def test_a_clip_is_rectified_with_the_time_that_its_file_says(tmp_path, straighten):
+    clip = clips.write(tmp_path / "in.mov", clips.standing())
+    assert readout_tag(str(clip)) is None
+    subprocess.run(["exiftool", "-q", "-overwrite_original", "-Keys:FrameReadoutTime#=0.0123", clip], check=True)
+    tag = readout_tag(str(clip))
+    assert tag.camera == "Apple" and tag.ms == pytest.approx(12.3)
+    _, record, printed = straighten(clip)
+    assert record["readout_ms"] == 12.3 and record["found_by"] == "the clip's file"
+    assert "this clip does not show its readout time" not in printed
