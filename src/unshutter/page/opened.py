@@ -1,4 +1,4 @@
-"""Open photos and clips: their files, the cache beside each, the progress of a job, and errors that name them."""
+"""Open photos and clips: their files, the cache of each, the progress of a job, and errors that name them."""
 
 from __future__ import annotations
 
