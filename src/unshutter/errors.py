@@ -17,7 +17,7 @@ _NOT_TEXT = re.compile("[\ud800-\udc7f\udd00-\udfff]")  # surrogates, other than
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
-_stand_ins: Mapping[str, str] = {}  # path of a temporary file -> what it stands for
+stand_ins: dict[str, str] = {}  # path -> what messages and logs call it: a URL, ``standard input``
 
 
 def visible(text: str) -> str:
@@ -25,25 +25,10 @@ def visible(text: str) -> str:
     return _NOT_TEXT.sub(lambda found: ascii(found[0])[1:-1], with_stand_ins(text).translate(_VISIBLE))
 
 
-@contextmanager
-def standing_for(names: Mapping[str, str]) -> Iterator[None]:
-    """Makes messages and logs in the block call temporary files by what they stand for: ``standard input``.
-
-    Args:
-        names: path -> what it stands for; others may be added in the block.
-    """
-    global _stand_ins
-    _stand_ins = names
-    try:
-        yield
-    finally:
-        _stand_ins = {}
-
-
 def with_stand_ins(text: str) -> str:
-    """Returns a text that calls temporary files by what they stand for."""
-    for path in sorted(_stand_ins, key=len, reverse=True):
-        text = text.replace(path, _stand_ins[path])
+    """Returns a text that calls paths by what they stand for."""
+    for path in sorted(stand_ins, key=len, reverse=True):
+        text = text.replace(path, stand_ins[path])
     return text
 
 

@@ -63,7 +63,7 @@ def names_of(file: Path, folder: Path, endings: str) -> Iterator[object]:
     through = folder / "through"
     through.symlink_to(file.parent)
     yield through / file.name
-    if find_spec("upath"):
+    if find_spec("fsspec"):
         for url in ("local://{0}", "file://{0}", "simplecache::file://{0}", "dir://{0.name}::file://{0.parent}"):
             yield url.format(file)
 
@@ -214,7 +214,7 @@ def test_a_folder_of_inputs_that_gets_the_results(tmp_path: Path, capsys) -> Non
     inputs = [tmp_path / "in" / "a.jpg", tmp_path / "in" / "trip" / "b.jpg"]
     before, folder = contents(inputs), tmp_path / "in"
     names = [folder, tmp_path / "link", tmp_path / "in" / "trip" / ".."]
-    if find_spec("upath"):
+    if find_spec("fsspec"):
         names += [
             f"local://{folder}",
             f"file://{folder}",
@@ -272,7 +272,7 @@ def test_training_that_would_replace_what_it_reads(tmp_path: Path, capsys) -> No
 
 
 def test_an_archive_that_photos_lie_in_is_an_input(tmp_path: Path, capsys) -> None:
-    pytest.importorskip("upath")
+    pytest.importorskip("fsspec")
     make_photos(tmp_path, ["a.jpg"])
     archive = Path(shutil.make_archive(str(tmp_path / "photos"), "zip", tmp_path, "a.jpg"))
     before = contents([archive])

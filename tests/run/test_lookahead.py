@@ -65,7 +65,7 @@ def test_photos_come_in_order_and_a_run_may_leave_some_out(photos: list[Path], t
         Job(photos[k], (Target(tmp_path / f"{k}.jpg", TargetKind.UNCHANGED),), False, MAX_PIXELS) for k in (1, 3, 0)
     ]
     for job in jobs:  # the last one again, when all are through
-        assert finish_job(job, Rectify(Find("none")), None, begun).picture == job.targets[0].place
+        assert finish_job(job, Rectify(Find("none")), None, begun).picture == job.targets[0].path
 
 
 def test_two_photos_are_held_at_a_time(photos: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:

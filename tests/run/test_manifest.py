@@ -12,8 +12,8 @@ from unshutter.errors import UnshutterError
 from unshutter.options import Find, Rectify
 from unshutter.run.manifest import NAME, Manifest
 from unshutter.run.work import Job, Outcome
-from unshutter.storage import files, locations
-from unshutter.storage.locations import digest, fingerprint
+from unshutter.storage import files
+from unshutter.storage.files import digest, fingerprint
 from unshutter.storage.targets import Target, Written
 
 
@@ -129,7 +129,7 @@ def test_a_result_that_was_edited_to_the_same_size(motion: Path, tmp_path: Path,
 def test_digests_are_only_made_for_manifests(motion: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_photos(tmp_path / "in", ["a.jpg"])
     made = []
-    monkeypatch.setattr(locations.files, "digest", lambda path: made.append(path))
+    monkeypatch.setattr("unshutter.run.work.digest", lambda path: made.append(path))
     assert rectify(tmp_path / "in" / "a.jpg", "--motion", motion) == 0
     assert made == []
     assert rectify(tmp_path / "in", "-o", tmp_path / "out", "--motion", motion) == 0

@@ -59,7 +59,7 @@ def test_of_what_an_earlier_run_did_not_finish(archive: Path, tmp_path: Path, mo
 
 
 def test_urls_are_refused(archive: Path, tmp_path: Path, motion: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("upath", reason="URLs need the extra dask")
+    pytest.importorskip("fsspec", reason="URLs need the extra dask")
     for words in ((archive, "-o", "memory://out"), ("memory://in/a.jpg", "-o", tmp_path / "out.jpg")):
         assert rectify(*words, "--motion", motion, "--keep-times") == 2
         message = capsys.readouterr().err

@@ -8,7 +8,8 @@ import pytest
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import option
-from unshutter.storage.locations import RunFiles, write_place
+from unshutter.storage.files import write_file
+from unshutter.storage.locations import RunFiles
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links")
 
@@ -64,7 +65,7 @@ def test_links_below_the_output_folder_are_not_followed(tmp_path: Path) -> None:
 
 
 def test_objects_are_inputs_too(memory) -> None:
-    write_place(b"photo", memory / "a.jpg")
+    write_file(b"photo", memory / "a.jpg")
     files = RunFiles(reads=[memory / "a.jpg"], folders=[memory])
     files.check(memory / "b.jpg")
     with pytest.raises(UnshutterError, match="never overwritten"):

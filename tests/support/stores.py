@@ -5,20 +5,20 @@ from pathlib import Path
 
 import pytest
 
-from unshutter.storage.locations import Place, place
+from unshutter.storage.objects import path_of
 
 
 @pytest.fixture
 def memory():
-    if find_spec("upath") is None:
+    if find_spec("fsspec") is None:
         pytest.skip("needs unshutter[dask]")
     from fsspec.implementations.memory import MemoryFileSystem
 
     MemoryFileSystem.store.clear()
-    yield place("memory://archive")
+    yield path_of("memory://archive")
     MemoryFileSystem.store.clear()
 
 
 @pytest.fixture(params=["files", "objects"])
-def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Place:
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return tmp_path if request.param == "files" else request.getfixturevalue("memory")

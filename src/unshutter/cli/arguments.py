@@ -21,7 +21,7 @@ from typing import Any, NoReturn, TypeGuard
 from unshutter.errors import UsageError, shortened, suggestion
 from unshutter.options.fields import Group, Option, describe, options_of, with_values
 from unshutter.storage.files import check_plain
-from unshutter.storage.locations import local_file
+from unshutter.storage.objects import local_file
 
 HELP_ALL = "--help-all"
 _HELP = frozenset(("-h", "--help", HELP_ALL))
@@ -234,8 +234,6 @@ def _argument(option: Option, program: str) -> tuple[list[str], dict[str, Any]]:
 
 def _path(word: str) -> Path:
     """Parses a path, or a URL that leads to a file on this machine."""
-    if "://" not in word:
-        return Path(word)
     if (file := local_file(word)) is None:
         raise UsageError(f"{word} is a URL: give a file or folder on this machine")
     return file

@@ -10,7 +10,7 @@ from unshutter.cli.pipes import PIPE, Pipes, only
 from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.options import Estimate, Find, Neighbours, Rectify, Run, Save, Undo, option
 from unshutter.options.fields import positional
-from unshutter.storage.locations import place
+from unshutter.storage.objects import path_of
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def _rectify(arguments: RectifyPhotos) -> int:
             raise UsageError("{--dry-run} lists files that would be written: leave out - or {--dry-run}")
         if len(arguments.photos) > 1 or Path(arguments.photos[0]).is_dir():
             raise UsageError("several photos need {--output} FOLDER: - is for one")
-        pipes.name_results(place(arguments.photos[0]), arguments.save.format, arguments.save.keep_names)
+        pipes.name_results(path_of(arguments.photos[0]), arguments.save.format, arguments.save.keep_names)
         code = _rectify_files(replace(arguments, output=str(pipes.results)), piped=True)
         pipes.send()
         return code

@@ -10,16 +10,15 @@ import os
 import shutil
 import sys
 from collections.abc import Iterable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from unshutter.errors import UnshutterError, UsageError, standing_for
+from unshutter.errors import UnshutterError, UsageError, stand_ins
 from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.photo.decoder import recognise
 from unshutter.photo.libvips import Source
 from unshutter.run.inputs import picture_name, unchanged_name, video_name
-from unshutter.storage.locations import Place
 
 PIPE = "-"
 _INPUT = "standard input"
@@ -38,7 +37,6 @@ class Pipes:
     """
 
     def __init__(self, source: str, output: str | None, what: str):
-        self._stack = ExitStack()
         self.is_read = source == PIPE
         self.is_written = output == PIPE or (output is None and self.is_read)
         self._what = what
@@ -48,20 +46,18 @@ class Pipes:
             raise UsageError(f"{what} cannot be shown in a terminal: give {{--output}} FILE, or add > FILE")
         if self.is_written and source and not self.is_read:
             _check_not_appended(Path(source))
-        self._names: dict[str, str] = {}  # path -> what it stands for
         if self.is_read or self.is_written:
-            self._folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="unshutter-")))
-            self._names[str(self._folder / "stdin")] = _INPUT
-            self._stack.enter_context(standing_for(self._names))
+            self._kept_in = TemporaryDirectory(prefix="unshutter-")
+            self._folder = Path(self._kept_in.name)
+            stand_ins[str(self._folder / "stdin")] = _INPUT
 
     def __enter__(self) -> Pipes:
         return self
 
-    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        """Removes the files; the message of an error, which is printed later, calls them by what they stand for."""
-        if isinstance(error, UnshutterError):
-            error.names.update(self._names)
-        self._stack.close()
+    def __exit__(self, *error: object) -> None:
+        """Removes the files; messages that are printed later still call them by what they stand for."""
+        if self.is_read or self.is_written:
+            self._kept_in.cleanup()
 
     @property
     def results(self) -> Path:
@@ -80,16 +76,16 @@ class Pipes:
             raise UsageError(f"standard input is a photo, not a clip: unshutter rectify {PIPE}")
         return self._rename(kept, _ending_of_clip(kept, output or ""))
 
-    def name_results(self, source: Place, format: str | None = None, keep: bool = False) -> None:
+    def name_results(self, source: Path, format: str | None = None, keep: bool = False) -> None:
         """Makes messages call the results of a photo in :attr:`results`, whatever they are named, standard output."""
         for name in (picture_name(source, format, keep), unchanged_name(source, format, keep)):
-            self._names[str(self.results / name)] = _OUTPUT
+            stand_ins[str(self.results / name)] = _OUTPUT
 
     def name_video(self, source: Path) -> Path:
         """Returns the file for the video that goes out, in a format that can be read from a pipe."""
         self.results.mkdir()
         video = (self.results / video_name(source)).with_suffix(".mkv")
-        self._names[str(video)] = _OUTPUT
+        stand_ins[str(video)] = _OUTPUT
         return video
 
     def send(self, file: Path | None = None) -> None:
@@ -120,7 +116,7 @@ class Pipes:
 
     def _rename(self, kept: Path, ending: str) -> Path:
         file = kept.rename(kept.with_suffix(ending))
-        self._names[str(file)] = self._names.pop(str(kept))
+        stand_ins[str(file)] = stand_ins.pop(str(kept))
         return file
 
 

@@ -16,8 +16,7 @@ from unshutter.export import write_npz
 from unshutter.motion.shapes import Float64
 from unshutter.orientation import ScanDirection
 from unshutter.poses.colmap import ColmapCamera, ColmapPicture
-from unshutter.storage.files import check_target, remove_leftovers, written_whole
-from unshutter.storage.locations import make_folder
+from unshutter.storage.files import check_target, make_folder, remove_leftovers, written_whole
 
 GSPLAT = "gsplat.npz"
 NERFSTUDIO = "transforms.json"

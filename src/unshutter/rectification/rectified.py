@@ -19,8 +19,7 @@ from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
 from unshutter.photo.saving import Encoded, check_result, write_photo
-from unshutter.storage.files import written_whole
-from unshutter.storage.locations import Place, write_place
+from unshutter.storage.files import write_file, written_whole
 from unshutter.storage.targets import Target, TargetKind, Written
 
 if TYPE_CHECKING:
@@ -189,7 +188,7 @@ def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
 
 
 def write(
-    result: Result, target: Target, save: Save | None = None, overwrite: bool = False, source: Place | None = None
+    result: Result, target: Target, save: Save | None = None, overwrite: bool = False, source: Path | None = None
 ) -> Written:
     """Writes one of the files that come of a photo, whole or not at all; the caller has checked the target.
 
@@ -205,40 +204,33 @@ def write(
     save = save or Save()
     source = source or (result.original.opened and result.original.opened.path)
     if target.kind is TargetKind.MOTION:
-        write_place(f"{result.verdict.carried_out.to_json()}\n".encode(), target.place, overwrite, mode_of=source)
-        return Written(target.place, target.kind)
+        write_file(f"{result.verdict.carried_out.to_json()}\n".encode(), target.path, overwrite, mode_of=source)
+        return Written(target.path, target.kind)
     if target.kind in (TargetKind.MASK, TargetKind.UNCHANGED_MASK):
         mask = Photo.from_array(result.valid.astype("uint8") * 255).to_bytes("png")  # 255: the photo shows the scene
-        write_place(mask, target.place, overwrite, mode_of=source)
-        return Written(target.place, target.kind)
-    suffix = target.place.suffix
+        write_file(mask, target.path, overwrite, mode_of=source)
+        return Written(target.path, target.kind)
+    suffix = target.path.suffix
     own = FORMATS[result.original.format]
     same_name = source is not None and suffix == source.suffix
     if target.kind is TargetKind.UNCHANGED and (same_name or of_suffix(suffix) is own):
         return Written(
-            target.place,
+            target.path,
             target.kind,
-            _write_picture(result, target.place, own, replace(save, quality=None, subsampling=None), overwrite),
+            _write_picture(result, target.path, own, replace(save, quality=None, subsampling=None), overwrite),
         )
-    format = of_target(Path(target.place.name))
-    left_out = _write_picture(result, target.place, format, save, overwrite)
-    return Written(target.place, target.kind, left_out, "" if result.changed else format.name.upper())
+    format = of_target(Path(target.path.name))
+    left_out = _write_picture(result, target.path, format, save, overwrite)
+    return Written(target.path, target.kind, left_out, "" if result.changed else format.name.upper())
 
 
-def _write_picture(result: Result, target: Place, format: Format, save: Save, overwrite: bool) -> tuple[str, ...]:
+def _write_picture(result: Result, target: Path, format: Format, save: Save, overwrite: bool) -> tuple[str, ...]:
     """Writes a picture; returns the names of metadata that its format cannot hold."""
     photo = result.photo
     copied = photo.file_as(format.name, save)
     if copied is None:
         assert isinstance(format, WrittenFormat)
-        if isinstance(target, Path):
-            return write_photo(photo, target, format, save, overwrite)
-        file = photo.encode(format.name, save.quality, save.subsampling)
-        write_place(file.data, target, overwrite)
-        return file.left_out
-    if not isinstance(target, Path):
-        write_place(copied.data(), target, overwrite)
-        return ()
+        return write_photo(photo, target, format, save, overwrite)
     times_ns = photo.times_ns if save.keep_times else None
     mode_of = photo.opened and photo.opened.path
     with written_whole(target, overwrite, mode_of, times_ns) as part:

@@ -14,7 +14,7 @@ from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
 from unshutter.photo.photo import PREVIEW, open_photo
 from unshutter.single.register import load, method
-from unshutter.storage.locations import Place, read_place
+from unshutter.storage.objects import is_object, read_object
 
 if TYPE_CHECKING:
     from unshutter.motion.verdict import Verdict
@@ -25,12 +25,12 @@ class PreviewError(UnshutterError):
     """A file is not a photo but a preview that unshutter made."""
 
 
-def open_input(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:
-    """Opens the photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``.
+def open_input(place: Path, max_pixels: int = MAX_PIXELS) -> Photo:
+    """Opens a photo, a file or an object behind a URL; errors are those of ``Photo.open``.
 
     Raises PreviewError for previews, which otherwise would be taken for photos by the next run over their folder.
     """
-    photo = open_photo(place if isinstance(place, Path) else read_place(place), max_pixels)
+    photo = open_photo(read_object(place) if is_object(place) else place, max_pixels)
     if photo.software == PREVIEW:
         raise PreviewError("it is a preview that unshutter made, not a photo")
     return photo
@@ -50,7 +50,7 @@ class Wanted:
 class Ahead:
     """A photo that is being opened, and judged, in another thread."""
 
-    place: Place
+    path: Path
     opening: Future[Photo]
     judging: Future[Verdict] | None  # None: its motion is not to be found
     judge_again: Callable[[Photo], Verdict]
@@ -72,7 +72,7 @@ class Ahead:
             return self.judge_again(self.photo)
 
 
-def look_ahead(places: Sequence[Place], wanted: Wanted) -> Iterator[Ahead]:
+def look_ahead(places: Sequence[Path], wanted: Wanted) -> Iterator[Ahead]:
     """Begins the first photo at once, and yields all in order, each begun while the previous one is processed.
 
     The first is opened and decoded while the estimator is loaded. Two photos are held at a time. The results are those
@@ -93,7 +93,7 @@ def look_ahead(places: Sequence[Place], wanted: Wanted) -> Iterator[Ahead]:
     def judge(photo: Photo) -> Verdict:
         return _judge(photo, estimator, wanted)
 
-    def begin(place: Place, opening: Future[Photo], whole: bool) -> Ahead:
+    def begin(place: Path, opening: Future[Photo], whole: bool) -> Ahead:
         def judge_opened() -> Verdict:
             if whole:
                 opening.result().start_decoding()
@@ -114,7 +114,7 @@ def look_ahead(places: Sequence[Place], wanted: Wanted) -> Iterator[Ahead]:
     return begun
 
 
-def _open(place: Place, wanted: Wanted) -> Photo:
+def _open(place: Path, wanted: Wanted) -> Photo:
     photo = open_input(place, wanted.max_pixels)
     grey_px = None if wanted.find is None else method(wanted.find.estimator).grey_px
     photo.start_decoding(grey_px=grey_px, whole=wanted.pixels and wanted.find is None)

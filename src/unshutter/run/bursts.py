@@ -23,7 +23,8 @@ from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import JsonObject
-from unshutter.storage.locations import Place, absolute
+from unshutter.storage.locations import absolute
+from unshutter.storage.objects import is_object
 
 if TYPE_CHECKING:
     from unshutter.frames.frame_motion import FrameMotion
@@ -61,7 +62,7 @@ class Burst:
 class _Taken:
     """What is known of a photo before it is decoded."""
 
-    place: Path
+    path: Path
     folder: Path | None
     size: tuple[int, int]
     setting: tuple[object, ...]  # the camera and its setting
@@ -70,19 +71,18 @@ class _Taken:
     readout_time: ReadoutTime  # for the camera's kind
 
     @classmethod
-    def of(cls, place: Place, max_pixels: int, folder: Path | None) -> _Taken | None:
+    def of(cls, place: Path, max_pixels: int, folder: Path | None) -> _Taken | None:
         """Returns the facts of a photo, or None if it cannot belong to a burst."""
         with suppress(UnshutterError):
-            if isinstance(place, Path):
-                photo = Photo.open(place, max_pixels)
-                time = photo.taken()
-                setting = photo.setting()
-                exposure_s = photo.exposure_s()
-                if time is None or not time.microsecond or setting is None or exposure_s is None:
-                    return None
-                if photo.embedded_video() is None:  # which tells more than a burst
-                    size = photo.height, photo.width
-                    return cls(place, folder, size, setting, exposure_s, time.timestamp(), photo.readout_time())
+            photo = Photo.open(place, max_pixels)
+            time = photo.taken()
+            setting = photo.setting()
+            exposure_s = photo.exposure_s()
+            if time is None or not time.microsecond or setting is None or exposure_s is None:
+                return None
+            if photo.embedded_video() is None:  # which tells more than a burst
+                size = photo.height, photo.width
+                return cls(place, folder, size, setting, exposure_s, time.timestamp(), photo.readout_time())
         return None
 
     @property
@@ -98,12 +98,12 @@ class _Taken:
 
 
 def bursts_among(
-    photos: Collection[Place], to_do: Collection[Place], camera: Camera, max_pixels: int
-) -> dict[Place, Burst]:
+    photos: Collection[Path], to_do: Collection[Path], camera: Camera, max_pixels: int
+) -> dict[Path, Burst]:
     """Returns what photos show about others that are to do, which are named by their absolute places."""
-    found: dict[Place, Burst] = {}
-    for burst in _bursts([(place, place.parent) for place in photos if isinstance(place, Path)], max_pixels):
-        if any(absolute(each.place) in to_do for each in burst):
+    found: dict[Path, Burst] = {}
+    for burst in _bursts([(place, place.parent) for place in photos if not is_object(place)], max_pixels):
+        if any(absolute(each.path) in to_do for each in burst):
             found |= dict(_motions(burst, camera, max_pixels))
     return found
 
@@ -115,7 +115,7 @@ def look_like_bursts(photos: Sequence[Path], max_pixels: int) -> list[list[Path]
         photos: in order, which counts for those without a time: tracks must connect each to the next, and show that the
             camera moved.
     """
-    timed = [[taken.place for taken in burst] for burst in _bursts([(place, None) for place in photos], max_pixels)]
+    timed = [[taken.path for taken in burst] for burst in _bursts([(place, None) for place in photos], max_pixels)]
     return [*timed, *_connected(photos, max_pixels)]
 
 
@@ -163,7 +163,7 @@ def _is_close(burst: list[_Taken]) -> bool:
     return len(burst) > 2 or (len(burst) == 2 and burst[1].at_s - burst[0].at_s <= _LONGEST_OF_TWO_S)
 
 
-def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[tuple[Place, Burst]]:
+def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[tuple[Path, Burst]]:
     """Yields the photos of a burst whose motion their neighbours show, with that motion."""
     from unshutter.frames.frame_motion import AT_REST  # imported here: NumPy comes after decoding has begun
     from unshutter.frames.sequence import CameraMotion
@@ -188,12 +188,12 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
         return
     for taken, motion in zip(burst, motions, strict=True):
         if motion.reason is None or motion.reason.code in AT_REST:
-            place = absolute(taken.place)
+            place = absolute(taken.path)
             yield place, Burst(motion, len(burst) - 1, round(interval_s, 4), time)
 
 
 def _grey_frames(finder: CameraMotion, burst: list[_Taken], steps: list[float], max_pixels: int) -> Iterator[GreyFrame]:
     for taken, step in zip(burst, steps, strict=True):
-        frame = finder.add_frame(Photo.open(taken.place, max_pixels))
+        frame = finder.add_frame(Photo.open(taken.path, max_pixels))
         frame.after = step
         yield frame

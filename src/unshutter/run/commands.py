@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError, visible
@@ -21,8 +22,8 @@ from unshutter.run.plan import Goal, Outputs, Plan, add_bursts, add_motions, mak
 from unshutter.run.report import Report, Tell, about, each_photo
 from unshutter.run.work import Job, do_job
 from unshutter.single import register
-from unshutter.storage.files import check_motion_name
-from unshutter.storage.locations import Place, RunFiles, check_place, write_place
+from unshutter.storage.files import check_motion_name, check_target, write_file
+from unshutter.storage.locations import RunFiles
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +43,7 @@ def rectify_files(
     Args:
         levelling: words after ``unshutter rectify`` that do this and level the photos, too; empty: there are none.
     """
-    inputs = find_photos(photos, leave_out=into.pictures.place if into.pictures is not None else None)
+    inputs = find_photos(photos, leave_out=into.pictures.path if into.pictures is not None else None)
     plan = make_plan(inputs, into, request, run)
     if plan.can_level:
         plan.levelling = tuple(levelling)
@@ -166,15 +167,15 @@ def estimate_files(request: Estimate) -> int:
     undo = Undo(request.reference)
     ahead = look_ahead(list(inputs.photos), Wanted(find, undo, request.max_pixels, pixels=False))
 
-    def one(photo: Place, tell: Tell) -> None:
+    def one(photo: Path, tell: Tell) -> None:
         target = targets.get(photo)
         for file in filter(None, (target, request.plot)):
             files.check(file)
-            check_place(file, overwrite)
-        begun = next(each for each in ahead if each.place == photo)
+            check_target(file, overwrite)
+        begun = next(each for each in ahead if each.path == photo)
         answer = _list_candidates(begun, request) if request.candidates else _describe_motion(begun, request, tell)
         if target is not None:
-            write_place(f"{answer.json}\n".encode(), target, overwrite, mode_of=photo)
+            write_file(f"{answer.json}\n".encode(), target, overwrite, mode_of=photo)
         answer.report(target, request.json, tell)
 
     return each_photo(inputs, one)
@@ -184,11 +185,11 @@ def estimate_files(request: Estimate) -> int:
 class _Answer:
     """What is found about a photo: lines for people, and JSON for programs."""
 
-    photo: Place
+    photo: Path
     lines: list[str]
     json: str
 
-    def report(self, target: Place | None, as_json: bool, tell: Tell) -> None:
+    def report(self, target: Path | None, as_json: bool, tell: Tell) -> None:
         """Prints the answer: JSON, or else lines, which go to standard error if there is JSON, also in a file."""
         for number, line in enumerate(self.lines):
             if target is None and not as_json:
@@ -203,7 +204,7 @@ def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> _Answer:
     """Returns a photo's motion as a line for people and as JSON, and draws the plot asked for."""
     from unshutter.motion.verdict import Speed, json_with_speed
 
-    source = begun.place
+    source = begun.path
     readout_ms = request.find.camera.readout_ms
     verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
     found = verdict.finding
@@ -234,7 +235,7 @@ def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Ver
     straightened = motion_of_lines(begun.photo, lines, request.find.camera)
     for number, (line, trouble) in enumerate(zip(lines, straightened.troubles, strict=True), 1):
         if trouble:
-            tell(f"{begun.place}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
+            tell(f"{begun.path}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
     return judge(straightened.finding, Undo(request.reference))
 
 
@@ -244,4 +245,4 @@ def _list_candidates(begun: Ahead, request: Estimate) -> _Answer:
 
     listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.finding.candidates]
     lines = [f"{number}  {each.described()}: --candidate {number}" for number, each in enumerate(listed, 1)]
-    return _Answer(begun.place, lines, candidates_to_json(listed))
+    return _Answer(begun.path, lines, candidates_to_json(listed))

@@ -15,10 +15,10 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from unshutter.reasons import JsonObject
 from unshutter.run.work import Job, Outcome
-from unshutter.storage.locations import Place
 
 PRIOR = 10.0  # photos that moved, and as many that did not, are added to those of the folder
 MOST = math.log(4)  # log odds; the same as for a camera that is known to have moved (single/prospects.py)
@@ -87,7 +87,7 @@ def shares_moved(log_odds: Sequence[float]) -> list[float]:
 class Folder:
     """The photos of a run that are judged together."""
 
-    photos: dict[Place, tuple[Job, Judged]] = field(default_factory=dict)
+    photos: dict[Path, tuple[Job, Judged]] = field(default_factory=dict)
     moved: float = 0.0  # expected number of photos that moved, once :meth:`to_redo` has found it
     redone: int = 0
 

@@ -8,6 +8,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path, PurePath, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
@@ -15,7 +16,8 @@ from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.photo.decoder import SEVERAL_PICTURES
 from unshutter.photo.embedded_video import videos_beside
 from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
-from unshutter.storage.locations import Place, is_folder, names_below, place
+from unshutter.storage.locations import is_folder, names_below
+from unshutter.storage.objects import is_object, path_of
 
 PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
@@ -38,7 +40,7 @@ class Inputs:
     """The photos to process."""
 
     # photo -> its folder relative to the given one (``.`` for photos named one by one)
-    photos: dict[Place, PurePosixPath] = field(default_factory=dict)
+    photos: dict[Path, PurePosixPath] = field(default_factory=dict)
     many: bool = False  # whether the user named several photos or a folder
     # (folder, error) of each folder that cannot be read
     unreadable: list[tuple[str, str]] = field(default_factory=list)
@@ -46,12 +48,10 @@ class Inputs:
     passed_over: dict[str, Counter[str]] = field(default_factory=dict)
 
     @property
-    def files(self) -> list[Place]:
+    def files(self) -> list[Path]:
         """The photos, and where a video next to each may be."""
-        return [
-            *self.photos,
-            *(video for photo in self.photos if isinstance(photo, Path) for video in videos_beside(photo)),
-        ]
+        beside = (videos_beside(photo) for photo in self.photos if not is_object(photo))
+        return [*self.photos, *chain.from_iterable(beside)]
 
     def pass_over(self, reason: str, suffix: str) -> None:
         """Counts a file as skipped."""
@@ -72,17 +72,17 @@ class Inputs:
         return f"skipped: {'; '.join(text)}" if text else ""
 
 
-def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
+def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Path | None = None) -> Inputs:
     """Finds the photos to process, expanding folders recursively; the contents of a folder are sorted.
 
     Skipped in folders are hidden files and folders, links to folders, pictures that unshutter wrote next to their
     originals (``*.rectified.*``), and the output folder.
     """
     inputs = Inputs()
-    for source in map(place, sources):
+    for source in map(path_of, sources):
         if source.suffix.lower() in VIDEO_FORMATS and not is_folder(source):
             raise UsageError(f"{source} is a video, not a photo: use unshutter video {source}")
-        may_be_folder = isinstance(source, Path) or not source.suffix  # queries to a store are slow
+        may_be_folder = not (is_object(source) and source.suffix)  # queries to a store are slow
         if not (may_be_folder and is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())
             continue
@@ -120,7 +120,7 @@ MOST_BYTES = 255  # longest file name in UTF-8; file systems that encrypt names 
 _JOINER = "\u200d"
 
 
-def picture_name(photo: Place | PurePath, format: str | None = None, keep: bool = False) -> str:
+def picture_name(photo: PurePath, format: str | None = None, keep: bool = False) -> str:
     """Returns the name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``, or its own name if that is kept.
 
     A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``, because cameras write
@@ -136,7 +136,7 @@ def picture_name(photo: Place | PurePath, format: str | None = None, keep: bool 
     return _marked(photo, photo.stem if same else photo.name, suffix)
 
 
-def unchanged_name(photo: Place | PurePath, format: str | None = None, keep: bool = False) -> str:
+def unchanged_name(photo: PurePath, format: str | None = None, keep: bool = False) -> str:
     """Returns the name of a photo that is left unchanged: its own, unless another format is requested.
 
     Then the whole name is kept, ``a.heic`` -> ``a.heic.jpg``, or only the stem, as by :func:`picture_name`.
@@ -153,7 +153,7 @@ def video_name(video: PurePath) -> str:
     return _marked(video, video.stem, video.suffix)
 
 
-def _marked(source: Place | PurePath, stem: str, suffix: str) -> str:
+def _marked(source: PurePath, stem: str, suffix: str) -> str:
     """Returns a result's name; if the source is a result itself, it gets the next number instead of a second mark."""
     earlier = _RESULT.fullmatch(source.stem)
     if earlier is None:

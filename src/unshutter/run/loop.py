@@ -17,8 +17,9 @@ from unshutter.run.folder import Folder, Judged
 from unshutter.run.manifest import Manifest
 from unshutter.run.report import Report
 from unshutter.run.work import Job, Outcome
-from unshutter.storage.files import remove_leftovers
-from unshutter.storage.locations import RunFiles, check_place
+from unshutter.storage.files import check_target, remove_leftovers
+from unshutter.storage.locations import RunFiles
+from unshutter.storage.objects import is_object
 from unshutter.storage.targets import TargetKind
 
 P = ParamSpec("P")
@@ -58,14 +59,14 @@ _IF_UNCHANGED = (TargetKind.UNCHANGED, TargetKind.UNCHANGED_MASK)
 def check_outputs(job: Job, files: RunFiles, new_folders: bool = False) -> None:
     """Checks that a job may write its outputs, as far as a quick check can tell; new folders will be created."""
     for target in job.targets:
-        place = target.place
-        if new_folders and isinstance(place, Path) and not place.parent.is_dir():
+        place = target.path
+        if new_folders and not (is_object(place) or place.parent.is_dir()):
             continue
         files.check(place)
         # the worker checks the digest of what an earlier run may have written, and whether the file at the place of a
         # copy is such a copy
         known = target.left is not None or target.kind in _IF_UNCHANGED
-        check_place(place, job.overwrite or job.may_repeat or known)
+        check_target(place, job.overwrite or job.may_repeat or known)
 
 
 @dataclass
@@ -174,7 +175,7 @@ class Batch:
         """Finds out which of the jobs killed its worker, and restarts the others."""
         overdue = {future for future in crashed if self.workers.is_overdue(future)}
         self.workers.executor = self.workers.renew()
-        self._left_in |= {job.picture.parent for job in crashed.values() if isinstance(job.picture, Path)}
+        self._left_in |= {job.picture.parent for job in crashed.values()}
         self.remove_leftovers()
         if not overdue:
             self._one_by_one(crashed.values())
@@ -203,8 +204,8 @@ class Batch:
         if self.manifest is not None:
             self.manifest.end(job, outcome)
         if self.folder is not None and outcome.error is None:
-            digests = {file.place: file.digest for file in outcome.written}
-            targets = tuple(replace(target, left=digests.get(target.place)) for target in job.targets)
+            digests = {file.path: file.digest for file in outcome.written}
+            targets = tuple(replace(target, left=digests.get(target.path)) for target in job.targets)
             self.folder.add(replace(job, targets=targets), Judged.of(job, outcome))
         self._report_on(job, outcome)
 

@@ -4,9 +4,6 @@ It is a journal of one JSON record per line, to which one run at a time adds. Be
 announces it; when the result exists under its final name, a second record describes it. If the run stops in between,
 the next run finds a result that was begun but not finished, and repeats it. Truncated records are ignored.
 
-In a folder of files, the journal is one file, ``NAME.jsonl``. Objects can be neither appended to nor locked: behind a
-URL, each run writes pieces, ``NAME/RUN-NUMBER.jsonl``, and merges them at the end.
-
 Whether a result is finished is judged by its size and time, which are quick to look up. It is replaced only if it still
 has the digest recorded for it.
 """
@@ -19,7 +16,7 @@ import time
 from dataclasses import MISSING, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from unshutter.errors import UnshutterError
 from unshutter.options import Rectify
@@ -27,13 +24,10 @@ from unshutter.reasons import JsonObject
 from unshutter.run.folder import Judged
 from unshutter.run.work import Job, Outcome
 from unshutter.single.register import weights_file
-from unshutter.storage import locations
-from unshutter.storage.files import is_torn, lock, open_plain, write_all
+from unshutter.storage.files import digest, fingerprint
+from unshutter.storage.journals import journal_in
+from unshutter.storage.locations import full_name, way
 from unshutter.version import __version__
-
-if TYPE_CHECKING:
-    from upath import UPath
-
 
 NAME = "unshutter-manifest"
 State = Literal["finished", "another's", "open"]
@@ -47,7 +41,7 @@ _ALWAYS_COUNTED |= {"tilt_deg", "min_confidence"}
 def _digest_of(request: Rectify, motion: str | None) -> str:
     """Returns a digest of all options that affect results. Newer options are included only if not at their defaults."""
     weights = weights_file(request.find.estimator)
-    facts = {"motion": motion, "weights": "" if weights is None else locations.fingerprint(weights), "overwrite": None}
+    facts = {"motion": motion, "weights": "" if weights is None else fingerprint(weights), "overwrite": None}
     find = request.find
     neighbours = request.neighbours
     for group in (find, find.camera, find.decision, request.undo, request.save, neighbours, neighbours.clock):
@@ -76,7 +70,7 @@ class Manifest:
 
     def __init__(
         self,
-        folder: locations.Place,
+        folder: Path,
         request: Rectify,
         motion: str | None = None,
         whole_paths: bool = False,
@@ -114,25 +108,25 @@ class Manifest:
         if entry is None:
             return "open", job
         keys = [self._key(target) for target in job.outputs]
-        now = [locations.fingerprint(target) for target in job.outputs]
+        now = [fingerprint(target) for target in job.outputs]
         recorded = entry.get("outputs", {})
         digests = entry.get("digests")
-        left: dict[locations.Place, str | None] = {
+        left: dict[Path, str | None] = {
             target: digests.get(key)
             for target, key, found in zip(job.outputs, keys, now, strict=True)
             if isinstance(digests, dict) and found and _size(found) == _size(recorded.get(key))
         }
-        targets = tuple(replace(target, left=left.get(target.place)) for target in job.targets)
+        targets = tuple(replace(target, left=left.get(target.path)) for target in job.targets)
         known = replace(job, targets=targets, may_repeat=entry["state"] == "begun")
-        source_is = locations.fingerprint(job.source)
-        if entry.get("source") != str(locations.absolute(job.source)) and entry.get("source_is") != source_is:
+        source_is = fingerprint(job.source)
+        if entry.get("source") != full_name(job.source) and entry.get("source_is") != source_is:
             return "another's", known
         same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options) and source_is is not None
         # a result is unmodified by its size and time, or, if it was copied, by its digest
         is_whole = all(
             recorded.get(key) == found
             or (key in recorded and recorded[key] is None)  # it was not written, so this is somebody else's
-            or (left.get(target) is not None and locations.digest(target) == left[target])
+            or (left.get(target) is not None and digest(target) == left[target])
             for target, key, found in zip(job.outputs, keys, now, strict=True)
         )
         return "finished" if entry["state"] == "done" and same and is_whole else "open", known
@@ -166,7 +160,7 @@ class Manifest:
         if outcome.error is not None:
             self._journal.add(json.dumps({**self._record(job, "failed"), "error": str(outcome.error)}))
             return
-        written = {file.place: file for file in outcome.written}
+        written = {file.path: file for file in outcome.written}
         files = {self._key(place): written.get(place) for place in job.outputs}
         outputs = {key: None if file is None else file.fingerprint for key, file in files.items()}
         digests = {key: None if file is None else file.digest for key, file in files.items()}
@@ -186,14 +180,14 @@ class Manifest:
         return {
             "target": self._key(job.picture),
             "state": state,
-            "source": str(locations.absolute(job.source)),
+            "source": full_name(job.source),
             "run": self.run,
             "at": at,
         }
 
-    def _key(self, target: locations.Place) -> str:
-        inside = None if self._whole_paths else locations.way(self._folder, target)
-        return str(inside or locations.absolute(target).as_posix())
+    def _key(self, target: Path) -> str:
+        inside = None if self._whole_paths else way(self._folder, target)
+        return str(inside or full_name(target))
 
     def flush(self) -> None:
         """Writes pending records; call it between :meth:`begin` and the work."""
@@ -202,118 +196,3 @@ class Manifest:
     def close(self) -> None:
         """Writes pending records and lets other runs use the manifest."""
         self._journal.close()
-
-
-# ---- journals ---------------------------------------------------------------------------------------------------
-
-
-def journal_in(folder: locations.Place, name: str, run: str, read_only: bool = False) -> FileJournal | ObjectJournal:
-    """Returns the journal of a folder for one run; nothing is written before the first line."""
-    return FileJournal(folder, name, read_only) if isinstance(folder, Path) else ObjectJournal(folder, name, run)
-
-
-class FileJournal:
-    """A journal in one file, to which each line is written at once. Links and files with a second name are refused.
-
-    The file is opened once: if its folder is then replaced by a link, the lines still reach the file that was
-    checked. The run that writes to it locks it: the system ends the lock with the process, however that ends.
-    """
-
-    def __init__(self, folder: Path, name: str, read_only: bool = False):
-        self._path = folder / f"{name}.jsonl"
-        self._read_only = read_only
-        self._locked: int | None = None  # descriptor that holds the lock
-        self._file: int | None = None  # descriptor to which lines are written
-
-    def read(self) -> bytes:
-        """Returns the complete lines of earlier runs; raises UnshutterError if another run writes to the journal."""
-        if not self._read_only and os.path.lexists(self._path):
-            self._locked = self._lock(open_plain(self._path, os.O_RDONLY))
-        try:
-            with open(open_plain(self._path, os.O_RDONLY), "rb") as stream:
-                text = stream.read()
-        except FileNotFoundError:
-            return b""
-        except OSError as error:
-            raise UnshutterError(f"cannot read {self._path}: {error.strerror}") from None
-        return text[: text.rfind(b"\n") + 1]
-
-    def add(self, line: str) -> None:
-        """Appends a line."""
-        if self._file is None:
-            self._file = self._open_to_add()
-        try:
-            write_all(self._file, (("\n" if is_torn(self._file) else "") + line + "\n").encode())
-        except OSError as error:
-            raise UnshutterError(f"cannot write {{file}}: {error.strerror}", file=self._path) from None
-
-    def flush(self) -> None:
-        """Does nothing: lines are not buffered."""
-
-    def close(self) -> None:
-        """Lets other runs use the journal."""
-        for descriptor in {self._locked, self._file}:
-            if descriptor is not None:
-                os.close(descriptor)
-        self._locked = self._file = None
-
-    def _open_to_add(self) -> int:
-        """Opens the file, creating it if necessary; raises UnshutterError if it is not the one that was read."""
-        locations.make_folder(self._path.parent)
-        descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-        if self._locked is None:
-            self._locked = self._lock(descriptor)
-        elif not os.path.sameopenfile(descriptor, self._locked):
-            os.close(descriptor)
-            raise UnshutterError(
-                "{file} was replaced while this run used it: run the same command again", file=self._path
-            )
-        return descriptor
-
-    def _lock(self, descriptor: int) -> int:
-        """Locks an open file and returns its descriptor."""
-        if lock(descriptor) is not False:
-            return descriptor
-        os.close(descriptor)
-        raise UnshutterError(
-            "another run is writing to {folder}: wait until it has ended, or choose another folder",
-            folder=self._path.parent,
-        )
-
-
-class ObjectJournal:
-    """A journal in objects, one for the lines between two calls of :meth:`flush`."""
-
-    def __init__(self, folder: UPath, name: str, run: str):
-        self._folder = folder
-        self._name = name
-        self._run = run
-        self._lines: list[str] = []  # of this run
-        self._pieces: list[int] = [0]  # number of lines written up to each piece
-
-    def read(self) -> bytes:
-        """Returns the lines of earlier runs."""
-        below = locations.objects_below(self._folder)
-        pieces = [each for each in below if each.parts[0] == self._name and each.suffix == ".jsonl"]
-        return b"\n".join(locations.read_place(self._folder / piece) for piece in pieces)
-
-    def add(self, line: str) -> None:
-        """Appends a line, which the next flush writes."""
-        self._lines.append(line + "\n")
-
-    def flush(self) -> None:
-        """Writes pending lines."""
-        if len(self._lines) > self._pieces[-1]:
-            locations.write_place("".join(self._lines[self._pieces[-1] :]).encode(), self._piece(len(self._pieces)))
-            self._pieces.append(len(self._lines))
-
-    def close(self) -> None:
-        """Writes pending lines and merges the pieces into one."""
-        self.flush()
-        if len(self._pieces) > 2:
-            locations.write_place("".join(self._lines).encode(), self._piece(0))
-            for number in range(1, len(self._pieces)):
-                locations.remove(self._piece(number))
-
-    def _piece(self, number: int) -> UPath:
-        return self._folder / self._name / f"{self._run}-{number:06}.jsonl"

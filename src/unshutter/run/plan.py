@@ -27,7 +27,8 @@ from unshutter.run.manifest import NAME, Manifest
 from unshutter.run.work import SHEET_PX, Job
 from unshutter.single.register import check_name, weights_file
 from unshutter.storage.files import check_motion_name, check_target, remove_leftovers
-from unshutter.storage.locations import Place, RunFiles, absolute, place
+from unshutter.storage.locations import RunFiles, absolute
+from unshutter.storage.objects import is_object, path_of
 from unshutter.storage.targets import Target, TargetKind
 
 if TYPE_CHECKING:
@@ -48,19 +49,19 @@ class Goal:
     text: str | os.PathLike[str]
 
     @cached_property
-    def place(self) -> Place:
-        """The place."""
-        return place(self.text)
+    def path(self) -> Path:
+        """Its path."""
+        return path_of(self.text)
 
     def is_folder(self, many: bool) -> bool:
         """Whether it is a folder for results rather than a single result; a name without extension means a folder."""
-        return many or not self.place.suffix or (isinstance(self.place, Path) and self.place.is_dir())
+        return many or not self.path.suffix or self.path.is_dir()
 
     def must_be_folder(self, what: str) -> None:
         """Checks that it is meant as a folder, as ``what`` (``masks need``) does."""
-        goal = self.place
-        there = isinstance(goal, Path) and goal.is_dir()
-        if isinstance(goal, Path) and goal.exists() and not there:
+        goal = self.path
+        there = goal.is_dir()
+        if goal.exists() and not there:
             raise UsageError(f"{what} a folder, but {goal} is none")
         if goal.suffix.lower() in _FILE_SUFFIXES and not there and not os.fspath(self.text).endswith(("/", os.sep)):
             raise UsageError(f"{what} a folder, but {goal.name} is the name of a file: leave out {goal.suffix}")
@@ -92,7 +93,7 @@ class Plan:
     given: Finding | None = None  # the motion in the file named in ``request``, which other machines may not have
     run: Run = field(default_factory=Run)  # how
     files: RunFiles = field(default_factory=RunFiles)  # the files that are read and written
-    home: Place | None = None  # folder of the manifest; None if no later run will look for the results
+    home: Path | None = None  # folder of the manifest; None if no later run will look for the results
     levelling: tuple[str, ...] = ()  # words after ``unshutter rectify`` that level the photos, too; empty: unknown
 
     @property
@@ -150,13 +151,13 @@ def make_plan(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan
     weights = weights_file(request.find.estimator)
     if run.preview is not None:
         of_target(run.preview)
-    folders = [goal.place for goal in (into.pictures, into.motions, into.masks) if goal is not None]
+    folders = [goal.path for goal in (into.pictures, into.motions, into.masks) if goal is not None]
     files = RunFiles(request, run, reads=[*inputs.files, weights], folders=folders)
     if home is not None:
         files.writes("the manifest", home / f"{NAME}.jsonl")
         files.check(home / f"{NAME}.jsonl")
     for kind in TargetKind:
-        targets = [target.place for job in jobs if (target := job.target(kind)) is not None]
+        targets = [target.path for job in jobs if (target := job.target(kind)) is not None]
         files.writes(kind.sentence, *targets)
         if kind is TargetKind.MOTION and len(targets) == 1:  # those of several photos are named here
             check_motion_name(targets[0].name)
@@ -174,7 +175,7 @@ def _check_request(request: Rectify, inputs: Inputs, into: Outputs, run: Run) ->
     goal = into.pictures
     in_folder = goal is not None and goal.is_folder(inputs.many)
     if save.format and goal is not None and not in_folder:
-        raise UsageError(f"{{--format}} is for folders: the name '{goal.place.name}' already sets the format")
+        raise UsageError(f"{{--format}} is for folders: the name '{goal.path.name}' already sets the format")
     if neighbours and len(inputs.photos) > 1:
         raise UsageError(
             f"{{--before}} and {{--after}} are the neighbours of one photo, but there are {len(inputs.photos)}"
@@ -203,7 +204,7 @@ def _check_request(request: Rectify, inputs: Inputs, into: Outputs, run: Run) ->
 def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[Job]:
     """Creates a job for each photo."""
     rectified = partial(picture_name, format=request.save.format, keep=request.save.keep_names)
-    unchanged: dict[Place, Place] = {}
+    unchanged: dict[Path, Path] = {}
     if into.pictures is not None:
         pictures = _plan_targets(inputs, into.pictures, rectified)
         own_name = partial(unchanged_name, format=request.save.format, keep=request.save.keep_names)
@@ -216,11 +217,11 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
         into.masks.must_be_folder("masks need")
     where = absolute if run.scheduler is not None else lambda path: path  # other machines: other working folders
 
-    def name_mask(photo: Place, picture: Place) -> Place | None:
+    def name_mask(photo: Path, picture: Path) -> Path | None:
         """Returns the picture's whole name plus ``.png``, as COLMAP expects."""
-        return into.masks.place / inputs.photos[photo] / f"{picture.name}.png" if into.masks else None
+        return into.masks.path / inputs.photos[photo] / f"{picture.name}.png" if into.masks else None
 
-    def list_targets(photo: Place, picture: Place) -> tuple[Target, ...]:
+    def list_targets(photo: Path, picture: Path) -> tuple[Target, ...]:
         copy = unchanged.get(photo)
         places = {
             TargetKind.PICTURE: picture,
@@ -233,7 +234,7 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
 
     preview_px = 0 if len(pictures) == 1 else SHEET_PX
     for file in (file for pair in pictures.items() for file in pair if request.save.keep_times):
-        if not isinstance(file, Path):  # only the store sets times of objects
+        if is_object(file):  # only the store sets times of objects
             raise UsageError(f"{{--keep-times}} is for files, and {file} is behind a URL: leave it out")
     jobs = [
         Job(
@@ -249,29 +250,29 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
     return jobs
 
 
-def _plan_targets(inputs: Inputs, goal: Goal, name: Callable[[Place], str]) -> dict[Place, Place]:
+def _plan_targets(inputs: Inputs, goal: Goal, name: Callable[[Path], str]) -> dict[Path, Path]:
     """Assigns each photo's result a place: a file, or one in a folder that mirrors the folders of photos."""
     if not goal.is_folder(inputs.many):
-        return {next(iter(inputs.photos)): goal.place}
+        return {next(iter(inputs.photos)): goal.path}
     goal.must_be_folder("several photos need" if inputs.many else "a name without an extension means")
-    return _all_different({photo: goal.place / (inside / name(photo)) for photo, inside in inputs.photos.items()})
+    return _all_different({photo: goal.path / (inside / name(photo)) for photo, inside in inputs.photos.items()})
 
 
-def _is_same(photo: Place, copy: Place) -> bool:
+def _is_same(photo: Path, copy: Path) -> bool:
     """Whether the place of a copy is the photo itself, because results go to the folder of the photos."""
     with suppress(OSError):
-        return copy.samefile(photo) if isinstance(copy, Path) and isinstance(photo, Path) else copy == photo
-    return False
+        return copy.samefile(photo)
+    return copy == photo
 
 
-def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
+def _all_different(targets: dict[Path, Path]) -> dict[Path, Path]:
     _check_apart((photo, target) for photo, target in targets.items())
     return targets
 
 
-def _check_apart(outputs: Iterable[tuple[Place, Place]]) -> None:
+def _check_apart(outputs: Iterable[tuple[Path, Path]]) -> None:
     """Checks that no two photos, each named with a place where it may be written, have a place in common."""
-    taken: dict[Place, Place] = {}
+    taken: dict[Path, Path] = {}
     for photo, target in outputs:
         other = taken.setdefault(target, photo)
         if other != photo:
@@ -281,7 +282,7 @@ def _check_apart(outputs: Iterable[tuple[Place, Place]]) -> None:
             )
 
 
-def motion_targets(inputs: Inputs, goal: Goal) -> dict[Place, Place]:
+def motion_targets(inputs: Inputs, goal: Goal) -> dict[Path, Path]:
     """Assigns each photo's motion file a place: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``.
 
     If ``a.jpg`` and ``a.png`` go to the same folder, both keep their whole names, as in ``a.jpg.json``, regardless of
@@ -293,30 +294,30 @@ def motion_targets(inputs: Inputs, goal: Goal) -> dict[Place, Place]:
         for name in {_short_name(photo), motion_name(photo.name)}
     )
 
-    def name(photo: Place) -> str:
+    def name(photo: Path) -> str:
         short = _short_name(photo)
         return short if asked[inputs.photos[photo], short.casefold()] == 1 else motion_name(photo.name)
 
     return _plan_targets(inputs, goal, name)
 
 
-def _short_name(photo: Place) -> str:
+def _short_name(photo: Path) -> str:
     own = of_suffix(photo.suffix)
     return motion_name(photo.stem if own is None or own.name in WRITTEN else photo.name)
 
 
-def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
+def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Path | None:
     """Returns the manifest's folder; None if no later run will look for the results.
 
     Results next to their photos, and the result of a single photo, are identified by their names and need no manifest.
     """
     if run.manifest is None:
-        return into.pictures.place if into.pictures is not None and inputs.many else None
+        return into.pictures.path if into.pictures is not None and inputs.many else None
     if not inputs.many:
         raise UsageError("{--manifest} is for several photos: leave it out")
     home = Goal(run.manifest)
     home.must_be_folder("the manifest needs")
-    return home.place
+    return home.path
 
 
 _LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
@@ -325,7 +326,7 @@ _RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record who
 
 
 def add_motions(
-    jobs: list[Job], photos: list[Place], request: Rectify, max_pixels: int
+    jobs: list[Job], photos: list[Path], request: Rectify, max_pixels: int
 ) -> tuple[list[Job], ReadoutRatio | None]:
     """Returns the jobs that remain, each with the motion of its photo, and the readout ratio found from the frames.
 
@@ -341,8 +342,8 @@ def add_motions(
     ratio = stated
     while True:
         finder = CameraMotion(ratio, camera.focal_px, camera.scan_direction)
-        readable: list[Place] = []
-        pairs: list[tuple[Place, Place]] = []  # consecutive photos
+        readable: list[Path] = []
+        pairs: list[tuple[Path, Path]] = []  # consecutive photos
         frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
         unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
         if unknown is None or finder.ratio is not None or request.neighbours.fallback:
@@ -366,14 +367,14 @@ def add_bursts(plan: Plan) -> list[Job]:
 
 
 def _grey_frames(
-    finder: CameraMotion, photos: list[Place], readable: list[Place], pairs: list[tuple[Place, Place]], max_pixels: int
+    finder: CameraMotion, photos: list[Path], readable: list[Path], pairs: list[tuple[Path, Path]], max_pixels: int
 ) -> Iterator[GreyFrame | None]:
     """Yields grey copies of the photos; None where the sequence is interrupted.
 
     It is interrupted between folders, at unreadable photos, and at gaps in time. Readable photos are appended to
     ``readable``, and pairs of consecutive photos to ``pairs``.
     """
-    last: tuple[Place, datetime | None] | None = None
+    last: tuple[Path, datetime | None] | None = None
     interval: timedelta | None = None
     for where in photos:
         try:

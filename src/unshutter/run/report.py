@@ -21,8 +21,8 @@ from unshutter.reasons import Cause, Code, percent, pixels
 from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.inputs import MADE_BY_US, Inputs
 from unshutter.run.work import Job, Outcome
-from unshutter.storage.files import JsonLog
-from unshutter.storage.locations import Place, absolute, fingerprint
+from unshutter.storage.files import JsonLog, fingerprint
+from unshutter.storage.locations import absolute
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,10 +52,10 @@ class Report:
         self._preview = Preview(run.preview, run.overwrite, plan.inputs.photos) if run.preview is not None else None
         self.total = sum(map(len, (plan.to_do, plan.finished, plan.refused, self._inputs.unreadable)))
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
-        self._causes: dict[Place, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
+        self._causes: dict[Path, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
         self._start = time.monotonic()
-        self._next_steps: dict[Place, tuple[str, ...]] = {}  # what the user can do about each photo that is unchanged
-        self._to_level: dict[Place, bool] = {}  # photos to level -> whether their results would have to be replaced
+        self._next_steps: dict[Path, tuple[str, ...]] = {}  # what the user can do about each photo that is unchanged
+        self._to_level: dict[Path, bool] = {}  # photos to level -> whether their results would have to be replaced
         self._log: JsonLog | None = None
 
     def __enter__(self) -> Report:
@@ -157,7 +157,7 @@ class Report:
         self.total -= 1
         self._bar.advance()
 
-    def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
+    def failed(self, photo: str | Path, error: str, seconds: float = 0.0) -> None:
         """Reports a photo that failed."""
         self._count("failed", photo, error=error, **({"seconds": round(seconds, 3)} if seconds else {}))
         self.tell(f"unshutter: {error}")
@@ -167,7 +167,7 @@ class Report:
         """Prints one line for the user."""
         self._bar.tell(line)
 
-    def _count(self, fate: str, photo: str | Place, **facts: object) -> None:
+    def _count(self, fate: str, photo: str | Path, **facts: object) -> None:
         self.counts[fate] += 1
         self._note(fate, photo=str(photo), **facts)
 
@@ -242,7 +242,7 @@ def _spoken(seconds: float) -> str:
     return f"{hours} h {rest // 60} min" if hours else f"{rest // 60} min {rest % 60} s" if rest >= 60 else f"{rest} s"
 
 
-def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
+def each_photo(inputs: Inputs, one: Callable[[Path, Tell], None]) -> int:
     """Calls ``one`` for each photo, continuing past failures; returns the exit code."""
     files = list(inputs.photos)
     failed = len(inputs.unreadable)
@@ -309,11 +309,11 @@ _BLACK = (0, 0, 0)
 class Preview:
     """Collects before and after pictures, and writes them as one."""
 
-    def __init__(self, path: Path, overwrite: bool, photos: Iterable[Place]):
+    def __init__(self, path: Path, overwrite: bool, photos: Iterable[Path]):
         self._path = path
         self._overwrite = overwrite
         self._order = {absolute(photo): number for number, photo in enumerate(photos)}
-        self._pairs: dict[Place, tuple[str, tuple[np.ndarray, np.ndarray]]] = {}
+        self._pairs: dict[Path, tuple[str, tuple[np.ndarray, np.ndarray]]] = {}
         self._left_out = 0
 
     def add(self, job: Job, outcome: Outcome) -> None:
@@ -336,13 +336,13 @@ class Preview:
                 after = open_input(job.picture, job.max_pixels).upright(job.preview_px)
             self._add(job.source, f"{job.source.name}: finished already", (before, after))
 
-    def _add(self, photo: Place, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
+    def _add(self, photo: Path, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
         self._pairs[photo] = caption, pair
         if len(self._pairs) > MOST_PHOTOS:
             del self._pairs[max(self._pairs, key=self._turn)]
             self._left_out += 1
 
-    def _turn(self, photo: Place) -> int:
+    def _turn(self, photo: Path) -> int:
         """The photo's place in the run, whichever worker was faster."""
         return self._order[absolute(photo)]
 

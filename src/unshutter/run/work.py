@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError, errors_in_one_line
@@ -13,7 +14,8 @@ from unshutter.photo import Photo
 from unshutter.photo.saving import describe_left_out
 from unshutter.run.ahead import Ahead, Wanted, look_ahead, open_input
 from unshutter.run.bursts import Burst
-from unshutter.storage.locations import Place, absolute, check_place, digest, fingerprint, remove
+from unshutter.storage.files import check_target, digest, fingerprint, remove
+from unshutter.storage.locations import full_name
 from unshutter.storage.targets import Target, TargetKind, Written
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ SHEET_PX = 320  # long side of each picture of a sheet
 class Job:
     """One photo and the places for its results."""
 
-    source: Place  # the photo
+    source: Path  # the photo
     targets: tuple[Target, ...]  # the files that may be written, one of each kind at most, its picture among them
     overwrite: bool  # whether outputs may replace existing files
     max_pixels: int  # pixel limit for photos that are read
@@ -46,8 +48,8 @@ class Job:
     recorded: bool = False  # whether the manifest needs digests of the outputs
     # its motion, found from its neighbours in a sequence; None: estimated, or shared by all photos
     motion: FrameMotion | None = None
-    before: Place | None = None  # its neighbour before it in a sequence
-    after: Place | None = None  # its neighbour after it
+    before: Path | None = None  # its neighbour before it in a sequence
+    after: Path | None = None  # its neighbour after it
     burst: Burst | None = None  # what the photos taken just before and after it show; None: it is judged by itself
     folder_log_odds: float | None = None  # judged again in view of the other photos of its folder (run/folder.py)
     preview_px: int | None = None  # long side [px] of the before and after pictures, 0 for full size; None: no preview
@@ -57,16 +59,16 @@ class Job:
         return next((target for target in self.targets if target.kind is kind), None)
 
     @property
-    def picture(self) -> Place:
+    def picture(self) -> Path:
         """The place of its picture, if it changes."""
         target = self.target(TargetKind.PICTURE)
         assert target is not None
-        return target.place
+        return target.path
 
     @property
-    def outputs(self) -> list[Place]:
+    def outputs(self) -> list[Path]:
         """The places that may be written, each once."""
-        return list(dict.fromkeys(target.place for target in self.targets))
+        return list(dict.fromkeys(target.path for target in self.targets))
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,9 @@ class Outcome:
     preview: tuple[np.ndarray, np.ndarray] | None = None  # the before and after pictures for a preview
 
     @property
-    def picture(self) -> Place | None:
+    def picture(self) -> Path | None:
         """The picture that was written; for an unchanged photo there may be none."""
-        return next((file.place for file in self.written if file.kind in _PICTURES), None)
+        return next((file.path for file in self.written if file.kind in _PICTURES), None)
 
 
 _PICTURES = (TargetKind.PICTURE, TargetKind.UNCHANGED)
@@ -152,7 +154,7 @@ def _begin(job: Job, request: Rectify, given: Finding | None, ahead: Iterable[Ah
     find = None if given is not None or job.burst is not None else request.find_alone
     if job.burst is None and job.folder_log_odds is None:
         for begun in ahead:
-            if begun.place == job.source:
+            if begun.path == job.source:
                 return begun
     elif find is not None and job.folder_log_odds is not None:
         find = replace(find, decision=replace(find.decision, folder=job.folder_log_odds))
@@ -168,12 +170,12 @@ def _write_all(result: Result, job: Job, save: Save) -> tuple[Written, ...]:
     written: list[Written] = []
     for target, overwrite in zip(targets, may_replace, strict=True):
         file = write(result, target, save, overwrite, job.source)
-        made = digest(target.place) if job.recorded else None
-        written.append(replace(file, fingerprint=fingerprint(target.place), digest=made))
-    places = {file.place for file in written}
+        made = digest(target.path) if job.recorded else None
+        written.append(replace(file, fingerprint=fingerprint(target.path), digest=made))
+    places = {file.path for file in written}
     for target in job.targets:
-        if target.place not in places and target.left is not None and digest(target.place) == target.left:
-            remove(target.place)
+        if target.path not in places and target.left is not None and digest(target.path) == target.left:
+            remove(target.path)
     return tuple(written)
 
 
@@ -188,10 +190,10 @@ def _kinds_of(result: Result, save: Save) -> Iterator[TargetKind]:
     yield TargetKind.MASK if result.changed else TargetKind.UNCHANGED_MASK
 
 
-def _name_group(place: Place, photo: Photo) -> str:
+def _name_group(place: Path, photo: Photo) -> str:
     """Names the photos that are judged together: one folder, one camera, one hour."""
     taken = photo.taken()
-    return "|".join((str(absolute(place).parent), photo.camera(), "" if taken is None else f"{taken:%Y-%m-%d %H}"))
+    return "|".join((full_name(place.parent), photo.camera(), "" if taken is None else f"{taken:%Y-%m-%d %H}"))
 
 
 def _rectify_alone(begun: Ahead, job: Job, request: Rectify, given: Finding | None) -> Rectified:
@@ -259,8 +261,8 @@ def _may_replace(job: Job, target: Target) -> bool:
     """Whether an output may replace an existing file, because the user allows it or an earlier run wrote it."""
     if job.overwrite or target.left is None:
         return job.overwrite
-    if digest(target.place) == target.left:
+    if digest(target.path) == target.left:
         return True
     if not job.may_repeat:  # the check before the job left this to the digest
-        check_place(target.place, overwrite=False)
+        check_target(target.path, overwrite=False)
     return False

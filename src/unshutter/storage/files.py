@@ -1,9 +1,10 @@
-"""Writes files atomically, never over an original or through a link; opens only plain files in place.
+"""Reads and writes files and objects: whole or not at all, never over an original or through a link.
 
 An existing file of the result's name may be anything: a photo of the same run, a link to one, a pipe. Therefore nothing
 is opened for writing under its final name. A file is created under a new name (``O_EXCL``) next to it and renamed
 when complete, which replaces a link rather than its target; without ``overwrite``, a hard link is used, which fails if
-the name exists. Only journals and logs are appended to in place (:func:`open_plain`).
+the name exists. Only journals and logs are appended to in place (:func:`open_plain`). An object is written as a
+temporary file on this machine, which is then sent (storage/objects.py).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError, with_stand_ins
+from unshutter.storage import objects
+from unshutter.storage.objects import is_object
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,8 +149,21 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
     return path.read_bytes().decode("utf-8-sig")
 
 
+def fingerprint(path: Path) -> str | None:
+    """Returns a string that changes with the content: size and time, or a store's metadata; None if there is none."""
+    if is_object(path):
+        return objects.stamp(path)
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return None
+    return f"{status.st_size}:{status.st_mtime_ns}"
+
+
 def digest(path: Path) -> str | None:
-    """Returns a hash of a plain file's contents; None if there is no such file."""
+    """Returns a hash of the content of a plain file or an object; None if there is neither."""
+    if is_object(path):
+        return new_hash(objects.read_object(path)).hexdigest() if fingerprint(path) is not None else None
     from hashlib import file_digest  # imported here: it takes 15 ms, and a single photo does not need it
 
     try:
@@ -222,7 +238,11 @@ Times: TypeAlias = tuple[int, int]  # of the last access and the last modificati
 
 
 def check_target(target: Path, overwrite: bool) -> None:
-    """Checks that a file may be written, before its contents are computed."""
+    """Checks that a file or an object may be written, before its contents are computed."""
+    if is_object(target):
+        if not overwrite and fingerprint(target) is not None:
+            raise _exists(target)
+        return
     check_name(target)
     try:
         if target.is_dir():
@@ -231,7 +251,7 @@ def check_target(target: Path, overwrite: bool) -> None:
         if target.exists() and not target.is_file():
             raise UnshutterError("cannot write {target}: it is not a plain file", target=target)
         if not overwrite and target.exists():
-            raise exists(target)
+            raise _exists(target)
         if not target.parent.is_dir():
             raise UnshutterError(
                 "cannot write {target}: there is no folder {folder}", folder=target.parent, target=target
@@ -261,8 +281,9 @@ def written_whole(
     Without ``overwrite``, an existing file with identical bytes is kept without an error, because the same work has
     already been done. Permissions can be those of another file, and times [ns] are set if the file system can store
     them; by default both are those of any new file. ``is_wanted`` is asked at the end whether there is to be a file.
+    An object has neither; its file is sent at the end.
     """
-    part = target.with_name(f".unshutter-{os.urandom(8).hex()}.part{target.suffix}")
+    part = _part_of(target)
     held = mode = None
     try:
         if mode_of is not None:
@@ -271,7 +292,11 @@ def written_whole(
         _parts.add(part)
         held = _make_and_hold(part, 0o666 if mode is None else 0o600)  # unreadable to others until complete
         yield part
-        if is_wanted is None or is_wanted():
+        if is_wanted is not None and not is_wanted():
+            return
+        if is_object(target):
+            _send(part, target, overwrite)
+        else:
             _to_disc(part, mode, times_ns)
             _take_name(part, target, overwrite)
     except OSError as error:
@@ -282,6 +307,31 @@ def written_whole(
         _parts.discard(part)
         if held is not None:
             os.close(held)
+
+
+def write_file(data: bytes, target: Path, overwrite: bool = True, mode_of: Path | None = None) -> None:
+    """Writes bytes as :func:`written_whole` does."""
+    with written_whole(target, overwrite, mode_of) as part:
+        part.write_bytes(data)
+
+
+def remove(path: Path) -> None:
+    """Removes a file or an object written by unshutter; failures are ignored."""
+    if is_object(path):
+        objects.remove_object(path)
+        return
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Creates a folder and its parents; stores do not need them."""
+    if is_object(folder):
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UnshutterError(f"cannot make folder {{folder}}: {error.strerror}", folder=folder) from None
 
 
 def remove_leftovers(folder: Path) -> int:
@@ -307,9 +357,19 @@ def _check_no_link(target: Path) -> None:
         raise UnshutterError("cannot write {target}: it is a link, and nothing is written through links", target=target)
 
 
-def exists(target: object) -> UnshutterError:
+def _exists(target: Path) -> UnshutterError:
     """Returns the error for an output that exists and may not be replaced."""
     return UnshutterError("{target} exists already: use {--overwrite} to replace it", target=target)
+
+
+def _part_of(target: Path) -> Path:
+    """Returns a new name for the temporary file of a result: next to it, or on this machine for an object."""
+    name = f".unshutter-{os.urandom(8).hex()}.part{target.suffix}"
+    if not is_object(target):
+        return target.with_name(name)
+    from tempfile import gettempdir
+
+    return Path(gettempdir(), name)
 
 
 def _make_and_hold(part: Path, mode: int) -> int | None:
@@ -357,7 +417,16 @@ def _take_name(part: Path, target: Path, overwrite: bool) -> None:
     with suppress(OSError):
         if target.is_file() and not target.is_symlink() and filecmp.cmp(part, target, shallow=False):
             return None
-    raise exists(target)
+    raise _exists(target)
+
+
+def _send(part: Path, target: Path, overwrite: bool) -> None:
+    """Sends the finished file of an object."""
+    data = part.read_bytes()
+    if overwrite or fingerprint(target) is None:
+        objects.send(data, target)
+    elif objects.read_object(target) != data:
+        raise _exists(target)
 
 
 def _removed_if_left(part: Path) -> bool:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from unshutter.reasons import Worded
-from unshutter.storage.locations import Place
 
 
 class TargetKind(Worded):
@@ -22,7 +22,7 @@ class TargetKind(Worded):
 class Target:
     """A file that may be written."""
 
-    place: Place
+    path: Path
     kind: TargetKind = TargetKind.PICTURE
     left: str | None = None  # digest of what an earlier run wrote there; a file that still has it may be replaced
 
@@ -31,7 +31,7 @@ class Target:
 class Written:
     """A file that was written."""
 
-    place: Place
+    path: Path
     kind: TargetKind = TargetKind.PICTURE
     left_out: tuple[str, ...] = ()  # names of metadata that it lacks: ("IPTC", "texts")
     encoded_as: str = ""  # its format, if a photo that is left unchanged was not copied: "PNG"

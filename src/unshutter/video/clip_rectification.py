@@ -20,7 +20,8 @@ from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
-from unshutter.storage.locations import RunFiles, place
+from unshutter.storage.locations import RunFiles
+from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.file import mp4, video_writer
@@ -156,8 +157,8 @@ def _check_clip(clip: ClipFacts, options: RectifyClip) -> None:
 
 def _on_this_machine(source: str) -> str:
     """Returns a name that FFmpeg cannot misread: it interprets ``concat:a|b``, ``subfile,...:a`` and URLs."""
-    file = place(source)
-    if not isinstance(file, Path):
+    file = local_file(source)
+    if file is None:
         raise UnshutterError(f"{source} is a URL: clips must be files on this machine")
     return os.path.abspath(file) if ":" in str(file) else str(file)
 

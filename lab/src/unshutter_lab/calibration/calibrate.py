@@ -17,7 +17,8 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.single.prior import NORMAL, MotionKind
 from unshutter.single.search import PX, displacement
-from unshutter.storage.locations import RunFiles, write_place
+from unshutter.storage.files import write_file
+from unshutter.storage.locations import RunFiles
 from unshutter.version import lab
 from unshutter_lab.calibration.cases import (
     CROP,
@@ -81,8 +82,8 @@ def calibrate(
     counts = {name: {"photos": len(paths), "sha256": digests[name]} for name, paths in folders.items()}
     counts |= {name: {"files": len(inputs[name]), "sha256": digests[name]} for name in (LOGS, CLIPS) if inputs[name]}
     fields = {"provenance": _provenance(counts, len(usable), photos, seed), **known, **sections}
-    write_place(as_text(fields).encode(), output / FILE)
-    write_place(report.encode(), output / REPORT)
+    write_file(as_text(fields).encode(), output / FILE)
+    write_file(report.encode(), output / REPORT)
     return output / FILE
 
 

@@ -23,8 +23,7 @@ import unshutter
 import unshutter_lab
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
-from unshutter.storage.files import add_text
-from unshutter.storage.locations import write_place
+from unshutter.storage.files import add_text, write_file
 from unshutter.version import __version__
 from unshutter_lab.evaluation.answers import PREFIX
 from unshutter_lab.evaluation.case import Case, Example, Record
@@ -52,7 +51,7 @@ class Store:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if not self._resumed(head, overwrite):
-                write_place(f"{json.dumps(head)}\n".encode(), self._path)
+                write_file(f"{json.dumps(head)}\n".encode(), self._path)
         except OSError as error:
             raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
 
@@ -91,7 +90,7 @@ class Store:
         self._done = {(record["key"], record["estimator"]): record["records"] for record in whole}
         if len(whole) < len(lines) - 1:  # the run was killed in the middle of a line
             rest = [json.dumps(record) for record in (head, *whole)]
-            write_place("".join(f"{line}\n" for line in rest).encode(), self._path)
+            write_file("".join(f"{line}\n" for line in rest).encode(), self._path)
         return True
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from unshutter import UnshutterError
-from unshutter.run.manifest import journal_in
-from unshutter.storage.locations import objects_below
+from unshutter.storage.journals import journal_in
+from unshutter.storage.objects import objects_below
 
 
 def test_what_was_added_is_read_by_the_next_run(folder) -> None:
