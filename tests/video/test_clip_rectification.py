@@ -159,11 +159,11 @@ ALPHA = Kind(".mov", "prores_ks", "yuva444p10le", {"options": {"profile": "4444"
 def test_by_default_no_pixel_lies_outside_what_its_frame_saw(tmp_path, monkeypatch, capsys, kind):
     outside = []
 
-    def noted(warper, frame, frame_map, warped=Warper._warped):
-        for _, at in frame_map.positions(1, 1):
+    def noted(warper, frame, grid, warped=Warper._warped):
+        for _, at in grid.bands(1, 1):
             sides = ((-each.min(), each.max() - size + 1) for each, size in zip(at, (width, height), strict=True))
             outside.append(max(map(max, sides)))
-        return warped(warper, frame, frame_map)
+        return warped(warper, frame, grid)
 
     monkeypatch.setattr(Warper, "_warped", noted)
     height, width = clips.HEIGHT, clips.WIDTH

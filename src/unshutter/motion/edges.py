@@ -47,6 +47,16 @@ class EdgePolicy:
         return self.edges in ("crop", "auto")
 
     @property
+    def must_crop(self) -> bool:
+        """Whether missing areas are cut away, however much that takes."""
+        return self.edges == "crop"
+
+    @property
+    def borrows(self) -> bool:
+        """Whether neighbouring frames are needed for the missing areas, whatever these are."""
+        return self.edges == "borrow"
+
+    @property
     def black_beyond(self) -> float | None:
         """Distance outside the picture [px] from which pixels are black; up to there, the border is repeated.
 
@@ -67,7 +77,7 @@ class EdgePolicy:
         share = window.area / whole.area
         if share >= LEAST_CROP:
             return EdgeDecision("crop", window, share)
-        if self.edges == "crop":
+        if self.must_crop:
             raise CropTooSmallError.leaving(share, subject)
         return EdgeDecision("keep", whole, share)
 

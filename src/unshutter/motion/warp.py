@@ -307,8 +307,8 @@ def warp_plane(
 
 def sample_plane(
     plane: UInt[np.ndarray, "rows columns *bands"],
-    positions: tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]],
-    out: UInt[np.ndarray, "rows cols *bands"],
+    positions: tuple[Float32[np.ndarray, "new_rows new_cols"], Float32[np.ndarray, "new_rows new_cols"]],
+    out: UInt[np.ndarray, "new_rows new_cols *bands"],
     limit: int = 0xFFFF,
     mirror: bool = False,
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -268,13 +267,14 @@ def _pairs(
     import numpy as np
 
     from unshutter.motion.edges import EdgePolicy
+    from unshutter.motion.warp import warp_plane
     from unshutter.video.file.clip import ClipRequest
     from unshutter.video.file.pixels import of_file, upright
     from unshutter.video.file.work import Stage
     from unshutter.video.plan import Undo
-    from unshutter.video.render.frame_map import FrameMap, blacken, warp_plane
     from unshutter.video.render.frame_warper import Warper
     from unshutter.video.render.rendering import Rendering, expected, with_hidden_borders, with_steady_views
+    from unshutter.video.render.views import grid_of_motion
 
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
     # what would be cropped is black: the area common to all frames is known only once the whole clip has been read
@@ -300,10 +300,8 @@ def _pairs(
         height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
         before = frame.reformat(width, height, format="rgb24").to_ndarray()
         after = np.empty_like(before)
-        for rows, at in FrameMap.of(warper.motion(moving), height, width, moving.view).positions(1, 1):
-            warp_plane(before, at, after[rows], 255, mirror=beyond is None)
-            if beyond is not None and math.isfinite(beyond):
-                blacken(at, after[rows], [0, 0, 0], (beyond, beyond), height, width)
+        grid = grid_of_motion(warper.motion(moving), height, width, moving.view)
+        warp_plane(before, grid, after, black_beyond=beyond)
         yield np.concatenate([upright(each, frame) for each in (before, after)], axis=1)
         steps.advance()
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from unshutter.errors import UnshutterError
 from unshutter.export import check_plot
+from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import SILENT, ClipObserver
@@ -229,7 +230,7 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
     options = rendering.request.options
     clip = output.clip
     warper = Warper(request.clip, options.undo)
-    if warper.undo.edges == "crop":
+    if EdgePolicy(options.undo.edges).must_crop:
         rendering = with_known_motion(rendering)
         warper = replace(warper, window=common_window(warper, rendering.known()))
     tally = Tally()

@@ -7,13 +7,16 @@ import unshutter
 from support import clips
 from support.hand_held import pan
 from unshutter.motion import RowMotion
+from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.finding import Finding
+from unshutter.motion.grid import SamplingGrid
+from unshutter.motion.warp import warp_plane
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import ScanDirection
 from unshutter.video.file.row_samples import ROWS
 from unshutter.video.render.enlargement import LARGEST, Enlargement
-from unshutter.video.render.frame_map import FrameMap, blacken, warp_plane
 from unshutter.video.render.stabilisation import CameraPath
+from unshutter.video.render.views import grid_of_motion
 
 CAMERA, GREYS = clips.moving(16)
 
@@ -47,19 +50,18 @@ def test_an_enlarged_frame_shows_no_border():
     view = Enlargement.least(path, clips.HEIGHT, clips.WIDTH).of(None)
     width = round(ROWS * clips.WIDTH / clips.HEIGHT)
     motion = RowMotion.from_polynomials([0, 0.04 * width], [0], ROWS, width).rereferenced("middle")
-    frame_map = FrameMap.of(motion, clips.HEIGHT, clips.WIDTH, view)
-    for _, (col, row) in frame_map.positions(1, 1):
+    grid = grid_of_motion(motion, clips.HEIGHT, clips.WIDTH, view)
+    for _, (col, row) in grid.bands(1, 1):
         assert col.min() > -0.6 and col.max() < clips.WIDTH - 0.4
         assert row.min() > -0.6 and row.max() < clips.HEIGHT - 0.4
 
 
 def test_the_border_has_no_hairline():
     plane = np.full((8, 8), 200, np.uint8)
-    col, row = np.meshgrid(np.arange(8, dtype=np.float32) + np.float32(0.5), np.arange(8, dtype=np.float32))
-    for shift, last in ((0.0, 200), (1.0, 16)):  # half a pixel outside, and one and a half
+    for shift, last in ((0.5, 200), (1.5, 16)):  # half a pixel outside, and one and a half
         out = np.empty_like(plane)
-        warp_plane(plane, (col + np.float32(shift), row), out, 255)
-        blacken((col + np.float32(shift), row), out, [16], (1.0, 1.0), 8, 8)
+        grid = SamplingGrid.of_cells(lambda col, row, shift=shift: (col + shift, row), 8, 8, 8)
+        warp_plane(plane, grid, out, black_beyond=EdgePolicy("keep").black_beyond, black=16)
         assert (out[:, :-2] == 200).all() and (out[:, -1] == last).all()
 
 

@@ -18,7 +18,7 @@ from unshutter.video.file.pixels import Frame
 from unshutter.video.file.row_samples import as_kept, step_as_kept
 from unshutter.video.file.work import Stage
 from unshutter.video.gyro.synchronisation import GyroRotations
-from unshutter.video.render.frame_map import View
+from unshutter.video.render.views import View
 
 _FADED = 5  # frames, over which the correction of a clip fades where no motion is found
 

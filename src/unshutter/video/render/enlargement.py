@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject
-from unshutter.video.render.frame_map import SteadyView, StraightView, View, depths, outline
+from unshutter.video.render.views import SteadyView, StraightView, View, depths, outline
 
 if TYPE_CHECKING:
     from unshutter.video.render.stabilisation import CameraPath

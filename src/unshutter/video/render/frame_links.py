@@ -16,12 +16,14 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import Link, copy_side, link, motion_field
+from unshutter.motion.edges import EdgePolicy
+from unshutter.motion.grid import SamplingGrid
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import ScanDirection
 from unshutter.video.file.clip import Clip, ClipRequest
 from unshutter.video.file.work import Stage
 from unshutter.video.render.clip_motion import MovingFrame
-from unshutter.video.render.frame_map import FrameMap
+from unshutter.video.render.views import grid_of_flow
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt, UInt8
@@ -36,7 +38,7 @@ class Lender:
     """A frame from which another one may borrow areas that it does not show."""
 
     planes: list[UInt[np.ndarray, "rows columns *bands"]]  # its pixels as stored
-    where: FrameMap  # where each pixel of the rectified frame is sampled in it
+    grid: SamplingGrid  # where each pixel of the rectified frame is sampled in it
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class LinkedFrame:
     timing: Timing  # the clock of the clip
     scan_direction: ScanDirection  # direction in which its stored pixels were read
 
-    def maps(self, undo: ClipUndo) -> tuple[FrameMap | None, list[Lender]]:
+    def grids(self, undo: ClipUndo) -> tuple[SamplingGrid | None, list[Lender]]:
         """Returns where each pixel of the rectified frame is sampled, in the frame itself and in possible lenders.
 
         The first is None if the neighbours are inconclusive.
@@ -63,15 +65,15 @@ class LinkedFrame:
         own = motion.field.shift(0)
         remainder = (1 - undo.strength) * own  # remaining distortion
         lenders = [
-            Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - remainder))
+            Lender(planes, self._grid(motion.field.shift(side * self.links[side].apart) - remainder))
             for side, planes in self.planes.items()
         ]
-        return self._map(own - remainder), lenders
+        return self._grid(own - remainder), lenders
 
-    def _map(self, shift: np.ndarray) -> FrameMap:
-        """Converts the shift of every pixel of the small copy to the map of a whole frame."""
+    def _grid(self, shift: np.ndarray) -> SamplingGrid:
+        """Converts the shift of every pixel of the small copy to the grid of a whole frame."""
         frame = self.moving.frame
-        return FrameMap.along(shift, self.scan_direction, frame.height, frame.width, self.moving.view)
+        return grid_of_flow(shift, self.scan_direction, frame.height, frame.width, self.moving.view)
 
 
 def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) -> Iterator[LinkedFrame]:
@@ -101,7 +103,7 @@ class _Copied:
 
     @classmethod
     def of(cls, request: ClipRequest, moving: MovingFrame) -> _Copied:
-        clip, borrow = request.clip, request.options.undo.edges == "borrow"
+        clip, borrow = request.clip, EdgePolicy(request.options.undo.edges).borrows
         side = min(copy_side(clip.height, clip.width), _MOST_ROWS)
         # The frame itself may be overwritten before its neighbours are warped.
         planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []

@@ -1,12 +1,11 @@
 """Renders the frames of a clip that a global shutter would have taken: by the camera's motion or, for depths, by flow.
 
-Planes are sampled at the positions that a FrameMap gives (frame_map.py). Unlike photos, frames are not averaged: grain
-would vary from row to row.
+Planes are sampled as stored, all by one grid (views.py): nothing is converted to RGB, or changed where nothing moves.
+Unlike photos, frames are not averaged: grain would vary from row to row.
 """
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,14 +16,16 @@ import numpy as np
 
 from unshutter.motion import Motion
 from unshutter.motion.edges import EdgePolicy, valid_window
-from unshutter.motion.grid import Tile
+from unshutter.motion.grid import Extent, SamplingGrid, Scratch, Tile
+from unshutter.motion.shapes import Bool, Float32, UInt
 from unshutter.motion.verdict import undone_part
+from unshutter.motion.warp import sample_plane, warp_plane
 from unshutter.options.clip_options import ClipUndo
 from unshutter.video.file.clip import Clip
 from unshutter.video.file.pixels import Frame, of_file
 from unshutter.video.render.clip_motion import MovingFrame
 from unshutter.video.render.frame_links import Lender, LinkedFrame
-from unshutter.video.render.frame_map import FrameMap, Scratch, View, blacken, borrow_plane, on_plane, warp_plane
+from unshutter.video.render.views import View, grid_of_motion
 
 _SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COARSE = 8  # px between points checked for a crop; its multiples are whole chroma pixels
@@ -66,68 +67,60 @@ class Warper:
         motion, frame, view = self.motion(moving), moving.frame, moving.view
         if motion.is_zero and view is None:
             return NewFrame(moving, frame if self.window is None else self._dressed(frame, frame))
-        picture = self._warped(frame, FrameMap.of(motion, frame.height, frame.width, view))
+        picture = self._warped(frame, grid_of_motion(motion, frame.height, frame.width, view))
         return NewFrame(moving, self._dressed(picture, frame))
 
     def _by_flow(self, linked: LinkedFrame) -> NewFrame:
         """Rectifies a frame by the flow to its neighbours or, if they are inconclusive, by the camera's motion."""
         moving, frame = linked.moving, linked.moving.frame
-        where, lenders = linked.maps(self.undo)
-        if where is None:
+        grid, lenders = linked.grids(self.undo)
+        if grid is None:
             return self.rectified(moving)
-        picture = self._warped(frame, where)
+        picture = self._warped(frame, grid)
         if lenders:
-            self._borrow(lenders, picture, where)
+            self._borrow(lenders, picture, grid)
         return NewFrame(replace(moving, dense=True), self._dressed(picture, frame))
 
-    def _warped(self, frame: Frame, frame_map: FrameMap) -> Frame:
+    def _warped(self, frame: Frame, grid: SamplingGrid) -> Frame:
         """Returns the rectified pixels of a frame."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         picture = pixels.blank(frame, self.clip.height, self.clip.width)
         full = pixels.is_full_range(frame)
-        mirror = EdgePolicy(self.undo.edges).black_beyond is None
+        black_beyond = EdgePolicy(self.undo.edges).black_beyond
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
-        for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
-            alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
+        for subsampling in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
+            alike = [each for each in planes if (each[0].across, each[0].down) == subsampling]
             black = [each.black_full if full else each.black for each, _, _ in alike for _ in range(each.bands)]
-            beyond = self._beyond(across), self._beyond(down)
             before, after = alike[0][1:]
             if len(alike) > 1:  # one with several bands is warped faster than several planes
                 before = cv2.merge([old for _, old, _ in alike])
                 after = np.empty_like(before)
-            for rows, positions in frame_map.positions(across, down, self._scratches[0]):
-                warp_plane(before, positions, after[rows], limit, mirror)
-                if not mirror and math.isfinite(beyond[0]):
-                    blacken(positions, after[rows], black, beyond, *before.shape[:2])
+            warp_plane(before, grid, after, subsampling, black_beyond, black, limit, self._scratches[0])
             if len(alike) > 1:
                 for k, (_, _, new) in enumerate(alike):
                     cv2.extractChannel(after, k, new)
         return picture
 
-    def _beyond(self, subsampling: int) -> float:
-        """Returns how far outside a plane's last pixels positions are not yet black [px of the plane]."""
-        beyond = EdgePolicy(self.undo.edges).black_beyond or 0.0
-        return (beyond - 0.5) / subsampling + 0.5
-
-    def _borrow(self, lenders: list[Lender], picture: Frame, own: FrameMap) -> None:
+    def _borrow(self, lenders: list[Lender], picture: Frame, own: SamplingGrid) -> None:
         """Fills areas that a frame does not show from its neighbours, in the planes of the rectified frame."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
             out = pixels.arrays(picture)
-            size = out[alike[0]].shape[:2]
+            rows, columns = out[alike[0]].shape[:2]
+            plane = Extent.of_picture(rows, columns, 0.5, 0.5)  # with the outer halves of its border pixels
             bands = [
-                each.positions(across, down, scratch)
-                for each, scratch in zip((own, *(lender.where for lender in lenders)), self._scratches, strict=False)
+                each.bands(across, down, scratch)
+                for each, scratch in zip((own, *(lender.grid for lender in lenders)), self._scratches, strict=False)
             ]
-            for (rows, positions), *theirs in zip(*bands, strict=True):
-                missing = ~on_plane(positions, *size)
+            for (band, positions), *theirs in zip(*bands, strict=True):
+                missing = ~plane.holds(*positions)
                 for lender, (_, there) in zip(lenders, theirs, strict=True):
                     if not missing.any():
                         break
-                    has = missing & on_plane(there, *size)
+                    has = missing & plane.holds(*there)
                     for k in alike:
-                        borrow_plane(lender.planes[k], there, out[k][rows], has, limit)
+                        _borrow_plane(lender.planes[k], there, out[k][band], has, limit)
                     missing &= ~has
 
     def _dressed(self, picture: Frame, frame: Frame) -> Frame:
@@ -160,16 +153,37 @@ def common_window(warper: Warper, frames: Iterable[tuple[Motion, View | None]]) 
         motion = undone_part(found, warper.undo)
         if motion.is_zero and view is None:
             continue
-        frame_map = FrameMap.of(motion, clip.height, clip.width, view)
-        last = frame_map.width / _COARSE - 2, frame_map.height / _COARSE - 2  # a margin of one spacing
-        for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
+        last = clip.width / _COARSE - 2, clip.height / _COARSE - 2  # a margin of one spacing
+        safe = Extent(1, 1, *last)
+        for rows, positions in grid_of_motion(motion, clip.height, clip.width, view).bands(_COARSE, _COARSE):
             part = mask[rows]
-            inside = (col >= 1) & (col <= last[0]) & (row >= 1) & (row <= last[1])
-            part &= inside[: part.shape[0], : part.shape[1]]
+            part &= safe.holds(*positions)[: part.shape[0], : part.shape[1]]
     if mask.all():
         return None
     window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window
     return Tile(*(_COARSE * side for side in window))
+
+
+def _borrow_plane(
+    plane: UInt[np.ndarray, "rows columns *bands"],
+    positions: tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]],
+    out: UInt[np.ndarray, "rows columns *bands"],
+    missing: Bool[np.ndarray, "rows cols"],
+    limit: int,
+) -> None:
+    """Samples a plane of another frame at positions into the missing pixels.
+
+    Args:
+        missing: mask of its pixels to fill.
+    """
+    columns = np.flatnonzero(missing.any(axis=0))
+    if not columns.size:
+        return
+    col, row = positions
+    lent = np.empty((len(out), columns.size, *out.shape[2:]), out.dtype)
+    sample_plane(plane, (col[:, columns], row[:, columns]), lent, limit)
+    where = missing[:, columns]
+    out[:, columns] = np.where(where if out.ndim == 2 else where[..., None], lent, out[:, columns])
 
 
 def side_by_side(warper: Warper, frames: Iterable[MovingFrame | LinkedFrame], threads: int) -> Generator[NewFrame]:

@@ -15,6 +15,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import READOUT_FRACTION
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.finding import Finding
 from unshutter.motion.warp import thread_count
 from unshutter.video.calibrate.camera import ClipCamera
@@ -28,9 +29,9 @@ from unshutter.video.plan import Leave, Plan, Undo
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement
 from unshutter.video.render.frame_links import LinkedFrame, linked
-from unshutter.video.render.frame_map import StraightView, View
 from unshutter.video.render.frame_warper import NewFrame, Warper, side_by_side
 from unshutter.video.render.stabilisation import CameraPath, Stabilisation, stabilised
+from unshutter.video.render.views import StraightView, View
 
 if TYPE_CHECKING:
     from unshutter.video.file.pixels import Frame
@@ -118,7 +119,7 @@ def expected(request: ClipRequest, plan: Plan) -> dict[Stage, int]:
     options = request.options
     frames = request.frames
     is_steady = options.steadiness.stabilize is not None
-    needs_borders = isinstance(plan, Undo) and (options.may_enlarge or options.undo.edges == "crop")
+    needs_borders = isinstance(plan, Undo) and (options.may_enlarge or EdgePolicy(options.undo.edges).must_crop)
     passes = 2 if is_steady or needs_borders else 1
     is_known = plan.motion is not None if isinstance(plan, Undo) else not is_steady
     searches = 0 if is_known else 1

@@ -29,7 +29,7 @@ from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject, Reason
 from unshutter.video.calibrate.gain import TALL, is_visible
 from unshutter.video.file.row_samples import ROWS, RowSamples
-from unshutter.video.render.frame_map import SteadyView, borders_of, margins, zoom_needed
+from unshutter.video.render.views import SteadyView, borders_of, margins, zoom_needed
 
 _ROWS = 256  # rotations are weighted in px of a picture with this many rows
 _ROUNDS = 3  # of linearisation

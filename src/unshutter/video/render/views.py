@@ -1,8 +1,4 @@
-"""Undoes a frame's motion on its planes as stored, seen by the camera itself or by a stabilised one.
-
-Nothing is converted to RGB or changed where nothing moves. The map is smooth, so it is exact at the nodes of a grid and
-linear between them. A clip's motion is that of a small picture of the same shape (clip_motion.py): its positions are
-scaled up to each plane's pixels, centre to centre.
+"""Views of a clip's frames, by the camera itself, a stabilised or a straightened one, and where each samples its frame.
 
 Borders and views of a stabilised camera are in heights of the readout frame, measured from its centre: a frame extends
 from -1/2 to 1/2 down and from -aspect/2 to aspect/2 across.
@@ -10,20 +6,17 @@ from -1/2 to 1/2 down and from -aspect/2 to aspect/2 across.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 
 from unshutter.frames.flow import bilinear
 from unshutter.motion import Motion
-from unshutter.motion.grid import gs_to_rs_map
+from unshutter.motion.grid import SamplingGrid, gs_to_rs_map
 from unshutter.motion.lens import Lens
 from unshutter.motion.rotations import rotate_position, rotation_matrix
-from unshutter.motion.shapes import Bool, Float32, Float64, UInt
+from unshutter.motion.shapes import Float32, Float64
 from unshutter.orientation import ScanDirection
 
 _PLACES = 9  # positions along each side at which the frame's border is stored
@@ -216,175 +209,56 @@ class StraightView:
 
 View: TypeAlias = SteadyView | StraightView
 _NODES = 34  # approximate number of rows of nodes; half to twice as many columns
-_BAND, _BAND_PX = 4, 128  # fewest rows of cells, and px, interpolated at a time, to stay in the processor's cache
 _LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
 _FINE_STEP = 4  # px between nodes for the dense model
 
 
-@dataclass(frozen=True)
-class FrameMap:
-    """Maps each pixel of the rectified frame to its position in the original frame."""
-
-    # [2, N, M] col and row [px of the frame], at the centres of square cells; the first and last lie outside
-    nodes: Float32[np.ndarray, "2 node_rows node_cols"]
-    step: int  # side of the cells [px]
-    height: int  # rows of the frame [px]
-    width: int  # columns of the frame [px]
-
-    @classmethod
-    def of(cls, motion: Motion, height: int, width: int, view: View | None = None) -> FrameMap:
-        """Returns the map for a frame of height x width [px].
-
-        Args:
-            motion: motion of a picture of the same shape and any size.
-            view: the stabilised or straightened view to show; None for the camera's own view.
-        """
-        small = motion.scan_direction.frame_size(motion.height, motion.width)
-        step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
-        scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
-        col, row = (_seen(view, step, height, width) + 0.5) * scale[:, None, None] - 0.5
-        with np.errstate(all="ignore"):  # far outside, Newton's method may diverge
-            to_source = np.stack(gs_to_rs_map(motion)(col, row))
-        to_source = (to_source + 0.5) / scale[:, None, None] - 0.5
-        far = float(height + width)
-        np.nan_to_num(to_source, copy=False, nan=-far, posinf=2 * far, neginf=-far)
-        return cls(np.clip(to_source, -far, 2 * far).astype(np.float32), step, height, width)
-
-    @classmethod
-    def along(
-        cls,
-        shift: Float32[np.ndarray, "rows columns 2"],
-        scan_direction: ScanDirection,
-        height: int,
-        width: int,
-        view: View | None = None,
-    ) -> FrameMap:
-        """Returns the map for a frame of height x width [px] in which every pixel has its own shift.
-
-        Args:
-            shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
-        """
-        size = scan_direction.frame_size(height, width)
-        step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
-        col, row = _seen(view, step, height, width)
-        at = np.stack(scan_direction.points_to_frame(col, row, height, width), axis=-1)
-        scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
-        in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
-        to_source = at + bilinear(shift, in_copy) * scale
-        stored = scan_direction.points_to_stored(to_source[..., 0], to_source[..., 1], height, width)
-        return cls(np.stack(stored).astype(np.float32), step, height, width)
-
-    def positions(
-        self, across: int, down: int, scratch: Scratch | None = None
-    ) -> Iterator[tuple[slice, tuple[Float32[np.ndarray, "rows cols"], ...]]]:
-        """Yields (rows, (col, row) [px of the plane] of their pixels) for a plane, band by band from the top."""
-        scratch = scratch or Scratch()
-        height = -(-self.height // down)
-        width = -(-self.width // across)
-        step = (self.step // down, self.step // across)
-        columns = slice(step[1], step[1] + width)
-        band = max(_BAND, _BAND_PX // self.step)
-        for first in range(0, self.nodes.shape[1] - 2, band):
-            nodes = self.nodes[:, first : first + band + 2]
-            top = first * step[0]
-            bottom = min((first + nodes.shape[1] - 2) * step[0], height)
-            filled = scratch.array((2, nodes.shape[1] * step[0], nodes.shape[2] * step[1]))
-            for each, share, out in zip(nodes, (across, down), filled, strict=True):
-                cv2.resize((each + 0.5) / share - 0.5, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)
-            rows = slice(step[0], step[0] + bottom - top)
-            yield slice(top, bottom), (filled[0][rows, columns], filled[1][rows, columns])
-
-
-def _middles(step: int, height: int, width: int) -> np.ndarray:
-    """[2, N, M] col and row [px of the frame] of the centres of its cells and of those surrounding it."""
-    rows, cols = ((np.arange(-1, -(-size // step) + 1) + 0.5) * step - 0.5 for size in (height, width))
-    row, col = np.meshgrid(rows, cols, indexing="ij")
-    return np.stack([col, row])
-
-
-def _seen(view: View | None, step: int, height: int, width: int) -> np.ndarray:
-    """[2, N, M] positions shown at the centres of the cells: col and row [px] of the global-shutter frame."""
-    middles = _middles(step, height, width)
-    return middles if view is None else np.stack(view.to_source(middles[0], middles[1], height, width))
-
-
-class Scratch(threading.local):
-    """Buffers that a thread reuses for each frame, because allocating memory takes much of the time."""
-
-    def __init__(self) -> None:
-        self._arrays: dict[tuple[int, ...], np.ndarray] = {}
-
-    def array(self, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
-        """Returns an array with arbitrary content, valid until the next call with the same shape."""
-        if shape not in self._arrays:
-            self._arrays[shape] = np.empty(shape, np.float32)
-        return self._arrays[shape]
-
-
-def warp_plane(
-    plane: UInt[np.ndarray, "rows columns *bands"],
-    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
-    out: UInt[np.ndarray, "rows columns *bands"],
-    limit: int,
-    mirror: bool = False,
-) -> None:
-    """Samples a plane at positions into another one, by bicubic interpolation (a = -0.75).
+def grid_of_motion(motion: Motion, height: int, width: int, view: View | None = None) -> SamplingGrid:
+    """Returns where a rectified frame of height x width [px] samples the original.
 
     Args:
-        positions: (col, row) [px of the plane].
-        limit: greatest value, which cubic interpolation may exceed.
-        mirror: whether the plane is mirrored at its border; otherwise, the border is repeated.
+        motion: motion of a picture of the same shape and any size: positions are scaled up, centre to centre.
+        view: the stabilised or straightened view to show; None for the camera's own view.
     """
-    border = cv2.BORDER_REFLECT if mirror else cv2.BORDER_REPLICATE
-    col, row = positions
-    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border)
-    if limit not in (0xFF, 0xFFFF):
-        np.minimum(out, limit, out=out)
+    small = motion.scan_direction.frame_size(motion.height, motion.width)
+    scale = np.array([small[1] / width, small[0] / height])[:, None, None]  # px of the motion per px of the frame
+    to_source = gs_to_rs_map(motion)
+
+    def position(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        seen = (_seen(view, col, row, height, width) + 0.5) * scale - 0.5
+        col, row = (np.stack(to_source(seen[0], seen[1])) + 0.5) / scale - 0.5
+        return col, row
+
+    step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
+    return SamplingGrid.of_cells(position, step, height, width)
 
 
-def blacken(
-    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
-    out: UInt[np.ndarray, "rows columns *bands"],
-    black: list[int],
-    beyond: tuple[float, float],
+def grid_of_flow(
+    shift: Float32[np.ndarray, "rows columns 2"],
+    scan_direction: ScanDirection,
     height: int,
     width: int,
-) -> None:
-    """Makes pixels black whose positions are too far outside a plane of height x width [px].
+    view: View | None = None,
+) -> SamplingGrid:
+    """Returns where a frame of height x width [px] is sampled if every pixel has its own shift.
 
     Args:
-        black: values, one per band.
-        beyond: how far outside the plane's last columns and rows positions count as inside [px].
+        shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
     """
-    col, row = positions
-    wide, tall = beyond
-    outside = (col < -wide) | (col > width - 1 + wide) | (row < -tall) | (row > height - 1 + tall)
-    if outside.any():
-        cv2.copyTo(np.zeros_like(out) + np.array(black, out.dtype), outside.view(np.uint8), out)
+    size = scan_direction.frame_size(height, width)
+    scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
+
+    def position(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        seen = _seen(view, col, row, height, width)
+        at = np.stack(scan_direction.points_to_frame(seen[0], seen[1], height, width), axis=-1)
+        in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
+        to_source = at + bilinear(shift, in_copy) * scale
+        return scan_direction.points_to_stored(to_source[..., 0], to_source[..., 1], height, width)
+
+    step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
+    return SamplingGrid.of_cells(position, step, height, width)
 
 
-def borrow_plane(
-    plane: UInt[np.ndarray, "rows columns *bands"],
-    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
-    out: UInt[np.ndarray, "rows columns *bands"],
-    missing: Bool[np.ndarray, "rows cols"],
-    limit: int,
-) -> None:
-    """Samples a plane of another frame at positions into the missing pixels.
-
-    Args:
-        missing: mask of its pixels to fill.
-    """
-    columns = np.flatnonzero(missing.any(axis=0))
-    if not columns.size:
-        return
-    lent = np.empty((len(out), columns.size, *out.shape[2:]), out.dtype)
-    warp_plane(plane, tuple(each[:, columns] for each in positions), lent, limit)
-    where = missing[:, columns]
-    out[:, columns] = np.where(where if out.ndim == 2 else where[..., None], lent, out[:, columns])
-
-
-def on_plane(positions: tuple[Float32[np.ndarray, "rows cols"], ...], height: int, width: int) -> np.ndarray:
-    """Bool [rows, cols]: whether each position lies on a plane, including the outer halves of its border pixels."""
-    col, row = positions
-    return (col >= -0.5) & (col <= width - 0.5) & (row >= -0.5) & (row <= height - 0.5)
+def _seen(view: View | None, col: np.ndarray, row: np.ndarray, height: int, width: int) -> np.ndarray:
+    """[2, N, M] positions that a view shows there: col and row [px] of the global-shutter frame."""
+    return np.stack((col, row) if view is None else view.to_source(col, row, height, width))
