@@ -12,9 +12,10 @@ import unshutter
 from unshutter.cli import command_for_file, main
 from unshutter.errors import UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS
+from unshutter.options.picture_formats import SUFFIXES
 from unshutter.page.settings import page_module
 from unshutter.photo import Photo
-from unshutter.run.inputs import PHOTO_SUFFIXES, find_photos
+from unshutter.run.inputs import find_photos
 
 
 def digest(path: Path) -> str:
@@ -192,7 +193,7 @@ def test_wrong_usage_exits_with_2(arguments: list[str], capsys: pytest.CaptureFi
 @pytest.mark.parametrize("ending", VIDEO_FORMATS)
 def test_every_video_goes_to_video(ending: str) -> None:
     """All parts of the program name videos by one list."""
-    assert command_for_file(f"clip{ending.upper()}") == "video" and ending not in PHOTO_SUFFIXES
+    assert command_for_file(f"clip{ending.upper()}") == "video" and ending not in SUFFIXES
     with pytest.raises(UsageError, match="is a video, not a photo"):
         find_photos([f"clip{ending}"])
     videos = page_module().rpartition("export const videos = ")[2]

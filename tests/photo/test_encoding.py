@@ -50,7 +50,7 @@ def test_round_trip_keeps_depth_bands_and_values(format, dtype, bands):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("bands", [1, 3, 4])
 def test_other_programs_read_the_same_pixels(tmp_path, format, dtype, bands):
-    pixels, path = drawn(bands=bands, dtype=dtype), tmp_path / f"a{WRITTEN[format].suffixes[0]}"
+    pixels, path = drawn(bands=bands, dtype=dtype), tmp_path / f"a{WRITTEN[format].row.suffixes[0]}"
     Photo.from_array(pixels).save(path)
     if dtype == np.uint8:
         with Image.open(path) as picture:

@@ -26,12 +26,12 @@ def test_save_chooses_the_format_by_the_ending_and_leaves_the_original_alone(tmp
     original = tmp_path / "in[1] ö.jpg"
     original.write_bytes(encoded(drawn(), "JPEG"))
     before = digest(original)
-    for suffix in WRITTEN[format].suffixes:
+    for suffix in WRITTEN[format].row.suffixes:
         target = tmp_path / f"out[2]{suffix.upper()}"
         Photo.open(original).save(target)
         assert Photo.open(target).format == format
     assert digest(original) == before
-    assert len(os.listdir(tmp_path)) == 1 + len(WRITTEN[format].suffixes)
+    assert len(os.listdir(tmp_path)) == 1 + len(WRITTEN[format].row.suffixes)
     assert oct(target.stat().st_mode) == oct(original.stat().st_mode)  # not a temporary file's rights
 
 
@@ -134,7 +134,7 @@ def room_for(size):
 @pytest.mark.parametrize("format", WRITTEN)
 def test_a_disc_that_fills_up_leaves_nothing_behind(tmp_path, format):
     noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3)).astype(np.uint8)
-    target = tmp_path / f"out{WRITTEN[format].suffixes[0]}"
+    target = tmp_path / f"out{WRITTEN[format].row.suffixes[0]}"
     target.write_bytes(b"precious")
     with room_for(10_000), pytest.raises(UnshutterError) as error:
         Photo.from_array(noise).save(target, overwrite=True)

@@ -159,12 +159,12 @@ def command_for_file(name: str) -> str:
     if name.startswith("-") or name in (*COMMANDS, "help"):
         return ""
     from unshutter.frames.pyav import VIDEO_FORMATS  # imported here: most first words are commands
-    from unshutter.run.inputs import PHOTO_SUFFIXES
+    from unshutter.options.picture_formats import SUFFIXES
 
     suffix = PurePath(name).suffix.lower()
     if suffix in VIDEO_FORMATS:
         return "video"
-    return "rectify" if suffix in PHOTO_SUFFIXES or os.path.exists(name) else ""
+    return "rectify" if suffix in SUFFIXES or os.path.exists(name) else ""
 
 
 def _exit_code(stop: KeyboardInterrupt) -> int:

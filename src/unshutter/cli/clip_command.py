@@ -14,9 +14,10 @@ from unshutter.errors import UsageError
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyClip
 from unshutter.options.fields import positional
+from unshutter.options.picture_formats import SUFFIXES
 from unshutter.progress import ClipObserver, ShareBar, tell
 from unshutter.reasons import Code
-from unshutter.run.inputs import PHOTO_SUFFIXES, video_name
+from unshutter.run.inputs import video_name
 from unshutter.version import extra
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class Video:
 
 def _video(arguments: Video) -> int:
     """Rectifies the clip; returns the exit code."""
-    if Path(arguments.clip).suffix.lower() in PHOTO_SUFFIXES:
+    if Path(arguments.clip).suffix.lower() in SUFFIXES:
         raise UsageError(f"{arguments.clip} is a photo, not a clip: unshutter rectify {arguments.clip}; {JOIN}")
     with Pipes(arguments.clip, arguments.output, "a clip") as pipes:
         if pipes.is_read:
@@ -270,7 +271,7 @@ class Measure:
 def _measure(arguments: Measure) -> int:
     """Prints what the clips tell; returns the exit code."""
     for name in arguments.clip:
-        if Path(name).suffix.lower() in PHOTO_SUFFIXES:
+        if Path(name).suffix.lower() in SUFFIXES:
             raise UsageError(f"{name} is a photo: only clips show their readout time")
     from unshutter.video.calibrate.measurement import measure_clips
 

@@ -67,7 +67,7 @@ class Pipes:
     def keep_photo(self) -> Path:
         """Keeps the photo that comes in; returns its file, whose name has the ending of its format."""
         kept = self._keep(is_photo=True)
-        return self._rename(kept, recognise(Source.of_file(kept)).suffixes[0])
+        return self._rename(kept, recognise(Source.of_file(kept)).row.suffixes[0])
 
     def keep_clip(self, output: str | None) -> Path:
         """Keeps the clip that comes in; returns its file, which has the ending of the output where both are alike."""

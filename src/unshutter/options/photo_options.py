@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 from unshutter.errors import UsageError, shortened
 from unshutter.options.fields import check_time, check_values, option
+from unshutter.options.picture_formats import BY_NAME, TABLE, PictureFormat, in_words
 from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio
 
@@ -208,8 +209,10 @@ class Undo:
         return replace(self, min_confidence=0)
 
 
-PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
+_LOSSY = in_words(row for row in TABLE if row.usual_quality)
+_SUBSAMPLED = in_words(row for row in TABLE if row.has_subsampling)
+_FOR_READ_ONLY = ", ".join(f"{BY_NAME[row.written_as].title} for {row.title}" for row in TABLE if not row.is_written)
 
 
 @dataclass(frozen=True)
@@ -218,14 +221,17 @@ class Save:
 
     format: PictureFormat | None = option(
         None,
-        "File format of the results. Default: same as the photo; AVIF for HEIC, 16-bit TIFF for raw files.",
+        f"File format of the results. Default: same as the photo; {_FOR_READ_ONLY} files.",
         also={"jpg": "jpeg", "tif": "tiff"},
     )
     quality: int | None = option(
-        None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: close to the original's.", limits=(1, 100)
+        None,
+        f"Quality of {_LOSSY}, 1 to 100. Default: close to the original's.",
+        limits=(1, 100),
     )
     subsampling: Subsampling | None = option(
-        None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: same as the original."
+        None,
+        f"Colour at full (4:4:4) or half (4:2:0) resolution in {_SUBSAMPLED}. Default: same as the original.",
     )
     keep_times: bool = option(False, "Give each result the access and modification times of its photo.", page=False)
     only_changed: bool = option(

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.frames.pyav import VIDEO_FORMATS
+from unshutter.options.picture_formats import SUFFIXES
 from unshutter.page.instance import RunningPage, described_page, state_folder
 from unshutter.progress import tell
-from unshutter.run.inputs import PHOTO_SUFFIXES
 from unshutter.storage.files import check_plain
 
 _START_S = 60.0  # a slow disc may need seconds to load the program
@@ -43,7 +43,7 @@ def _files_at(path: Path) -> list[Path]:
     """Returns the file, or the photos and clips of a folder; raises UnshutterError if there are none."""
     check_plain(path)
     if path.is_dir():
-        known = PHOTO_SUFFIXES | set(VIDEO_FORMATS)
+        known = {*SUFFIXES, *VIDEO_FORMATS}
         files = [each.absolute() for each in sorted(path.rglob("*")) if _is_shown(each, path, known)]
         if not files:
             raise UnshutterError("there are no photos or clips in {folder}", folder=path)

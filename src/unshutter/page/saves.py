@@ -16,11 +16,11 @@ from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options.clip_options import RectifyClip
+from unshutter.options.picture_formats import of_suffix
 from unshutter.page.jobs import clip_jobs, photo_jobs
 from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions, refusal
 from unshutter.page.store import Busy, Missing, OpenFile, ServerState, Urgency
-from unshutter.photo.formats import of_suffix
 from unshutter.reasons import JsonObject
 from unshutter.run.inputs import MOST_BYTES, fitting, picture_name, unchanged_name, video_name
 

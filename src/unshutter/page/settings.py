@@ -18,6 +18,7 @@ from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Save, Undo, check_count, option
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.fields import Group, Option, check_values, describe, options_of, with_values
+from unshutter.options.picture_formats import TABLE
 from unshutter.reasons import JsonObject
 from unshutter.single.register import names
 from unshutter.video.calibrate.cameras import table
@@ -197,7 +198,7 @@ def page_module() -> str:
     """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values;
     and ``videos``, the endings of videos' names.
     """
-    choices = {"estimator": {"enum": names()}}
+    choices = {"estimator": {"enum": names()}, "format": {"titles": {row.name: row.title for row in TABLE}}}
     known = {"camera": sorted({mode.name for mode in table()})}
     lines = ["// Made by the program from its one description of options (page/settings.py).\n"]
     for word, kind in (("photo", PhotoOptions), ("clip", RectifyClip)):

@@ -29,10 +29,10 @@ from typing import TypeVar
 
 from unshutter import version
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.options.picture_formats import of_suffix
 from unshutter.page.jobs import photo_jobs
 from unshutter.page.opened import Kind, OpenFile
 from unshutter.page.settings import Settings
-from unshutter.photo.formats import of_suffix
 from unshutter.run.loop import Workers
 from unshutter.run.workers import processes
 from unshutter.storage.files import lock

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from unshutter.errors import MissingFileError, UnshutterError
+from unshutter.options.picture_formats import SEVERAL_PICTURES, in_words
 from unshutter.photo.formats import FORMATS
 from unshutter.photo.formats.picture_format import Format, Header
 from unshutter.photo.libvips import Source, as_image, in_srgb, libvips, refusing, standard, to_8_bits
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
-SEVERAL_PICTURES = ".mpo"  # from stereo cameras; its first bytes are those of a JPEG
 _HEAD_BYTES = 64
 # A picture this large with fewer bits per pixel has a single colour: made to exhaust memory, not by a camera.
 _MANY_PIXELS = 100_000_000
@@ -72,7 +72,7 @@ def recognise(source: Source) -> Format:
             "{photo} is a video, not a photo: use unshutter video, or in Python unshutter.rectify_clip", photo=source
         )
     if format is None:
-        raise UnshutterError("{photo} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture", photo=source)
+        raise UnshutterError(f"{{photo}} is not a {in_words(last='or')} picture", photo=source)
     return format
 
 

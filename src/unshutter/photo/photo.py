@@ -100,7 +100,7 @@ class Photo(FileOutput):
     def _from_source(cls, source: Source, max_pixels: int) -> Photo:
         header = read_header(source, max_pixels)
         return cls(
-            format=header.format.name,
+            format=header.format.row.name,
             height=header.height,
             width=header.width,
             bands=header.bands,

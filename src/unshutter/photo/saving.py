@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from unshutter.errors import UnshutterError
 from unshutter.options import PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
+from unshutter.options.picture_formats import BY_NAME
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif, xmp
-from unshutter.photo.formats import FORMATS, WRITTEN, of_target
+from unshutter.photo.formats import WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
 from unshutter.storage.files import Times, check_target, written_whole
@@ -84,10 +85,10 @@ class FileOutput(ABC):
     ) -> Encoded:
         """Encodes the photo like :meth:`to_bytes`, and names the metadata that the format cannot hold."""
         save = from_keywords(Save, {"format": format, "quality": quality, "subsampling": subsampling})
-        own = "png" if self.format == "array" else FORMATS[self.format].written_as
+        own = "png" if self.format == "array" else BY_NAME[self.format].written_as
         target = WRITTEN[save.format or own]
         picture, left_out = self._picture_for(target, save)
-        with refusing(f"cannot encode the picture as {target.name.upper()}"):
+        with refusing(f"cannot encode the picture as {target.row.title}"):
             data = target.encode(picture, None)
         assert data is not None
         stream = io.BytesIO(data)
@@ -212,7 +213,7 @@ def _fitted_pixels(
     """
     if max(image.width, image.height) > format.longest_side:
         raise UnshutterError(
-            f"a picture of {image.width}x{image.height} px is too large for {format.name.upper()}, "
+            f"a picture of {image.width}x{image.height} px is too large for {format.row.title}, "
             f"whose limit is {format.longest_side} px: choose another format"
         )
     if image.hasalpha() and not format.alpha:

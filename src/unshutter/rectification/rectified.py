@@ -14,8 +14,9 @@ from unshutter.motion.finding import Candidate, Finding
 from unshutter.motion.verdict import Verdict
 from unshutter.options import LEAST_GOOD_CROP, Edges, PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
+from unshutter.options.picture_formats import of_suffix
 from unshutter.photo import Photo
-from unshutter.photo.formats import FORMATS, of_suffix, of_target
+from unshutter.photo.formats import FORMATS, of_target
 from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
 from unshutter.photo.saving import Encoded, check_result, write_photo
@@ -213,7 +214,7 @@ def write(
     suffix = target.path.suffix
     own = FORMATS[result.original.format]
     same_name = source is not None and suffix == source.suffix
-    if target.kind is TargetKind.UNCHANGED and (same_name or of_suffix(suffix) is own):
+    if target.kind is TargetKind.UNCHANGED and (same_name or of_suffix(suffix) is own.row):
         return Written(
             target.path,
             target.kind,
@@ -221,13 +222,13 @@ def write(
         )
     format = of_target(Path(target.path.name))
     left_out = _write_picture(result, target.path, format, save, overwrite)
-    return Written(target.path, target.kind, left_out, "" if result.changed else format.name.upper())
+    return Written(target.path, target.kind, left_out, "" if result.changed else format.row.title)
 
 
 def _write_picture(result: Result, target: Path, format: Format, save: Save, overwrite: bool) -> tuple[str, ...]:
     """Writes a picture; returns the names of metadata that its format cannot hold."""
     photo = result.photo
-    copied = photo.file_as(format.name, save)
+    copied = photo.file_as(format.row.name, save)
     if copied is None:
         assert isinstance(format, WrittenFormat)
         return write_photo(photo, target, format, save, overwrite)

@@ -13,13 +13,11 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS
-from unshutter.photo.decoder import SEVERAL_PICTURES
+from unshutter.options.picture_formats import BY_NAME, SEVERAL_PICTURES, SUFFIXES, in_words, of_suffix
 from unshutter.photo.embedded_video import videos_beside
-from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
 from unshutter.storage.locations import is_folder, names_below
 from unshutter.storage.objects import is_object, path_of
 
-PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
 _RESULT = re.compile(rf"(.+){re.escape(RECTIFIED)}(?:-(\d+))?")  # stem of a result
 MADE_BY_US = "made by unshutter"
@@ -31,7 +29,7 @@ _REASONS: dict[str, Callable[[PurePosixPath], bool]] = {
     MADE_BY_US: lambda name: _RESULT.fullmatch(name.stem) is not None or name.parts[0].startswith(_OURS),
     "with several pictures in one file": lambda name: name.suffix.lower() == SEVERAL_PICTURES,
     "films": lambda name: name.suffix.lower() in VIDEO_FORMATS,
-    _NO_PHOTOS: lambda name: name.suffix.lower() not in PHOTO_SUFFIXES,
+    _NO_PHOTOS: lambda name: name.suffix.lower() not in SUFFIXES,
 }
 
 
@@ -99,7 +97,7 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Path | Non
             folder, cause = inputs.unreadable[0]
             raise UnshutterError(f"cannot read folder {folder}: {cause}")
         if is_empty:
-            text = f"no photos in folder {source} (looked for JPEG, PNG, WebP, TIFF, AVIF, HEIC and raw files)"
+            text = f"no photos in folder {source} (looked for {in_words()} files)"
             raise UnshutterError(f"{text}; {inputs.not_taken()}" if inputs.passed_over else text)
     if not inputs.photos:
         raise UsageError("no photo given")
@@ -130,7 +128,7 @@ def picture_name(photo: PurePath, format: str | None = None, keep: bool = False)
     own = of_suffix(photo.suffix)
     kind = format or (own.written_as if own else "")
     same = not kind or (own and kind == own.name)
-    suffix = photo.suffix if same else WRITTEN[kind].suffixes[0]
+    suffix = photo.suffix if same else BY_NAME[kind].suffixes[0]
     if keep:
         return photo.name if same else f"{photo.stem}{suffix}"
     return _marked(photo, photo.stem if same else photo.name, suffix)
@@ -144,7 +142,7 @@ def unchanged_name(photo: PurePath, format: str | None = None, keep: bool = Fals
     own = of_suffix(photo.suffix)
     if format is None or (own is not None and own.name == format):
         return photo.name
-    suffix = WRITTEN[format].suffixes[0]
+    suffix = BY_NAME[format].suffixes[0]
     return _cut(photo.stem if keep else photo.name, MOST_BYTES - len(suffix)) + suffix
 
 

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options import Rectify, Run, model_for
-from unshutter.photo.formats import WRITTEN, of_suffix, of_target
+from unshutter.options.picture_formats import OTHER_PICTURES, SUFFIXES, of_suffix
+from unshutter.photo.formats import of_target
 from unshutter.readout_time import ReadoutRatio
 from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.bursts import bursts_among
-from unshutter.run.inputs import PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
+from unshutter.run.inputs import Inputs, motion_name, picture_name, unchanged_name
 from unshutter.run.manifest import NAME, Manifest
 from unshutter.run.work import SHEET_PX, Job
 from unshutter.single.register import check_name, weights_file
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 
 # Names with these extensions are meant as files, even if a folder is needed.
-_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *VIDEO_FORMATS, ".json", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
+_FILE_SUFFIXES = {*SUFFIXES, *OTHER_PICTURES, *VIDEO_FORMATS, ".json", ".zip"}
 
 
 @dataclass(frozen=True)
@@ -303,7 +304,7 @@ def motion_targets(inputs: Inputs, goal: Goal) -> dict[Path, Path]:
 
 def _short_name(photo: Path) -> str:
     own = of_suffix(photo.suffix)
-    return motion_name(photo.stem if own is None or own.name in WRITTEN else photo.name)
+    return motion_name(photo.stem if own is None or own.is_written else photo.name)
 
 
 def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Path | None:

@@ -17,10 +17,11 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion.finding import Finding
 from unshutter.options import Clock, FrameModel, Reference, Undo
+from unshutter.options.picture_formats import SUFFIXES
 from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 from unshutter.rectification.sequences import SequenceOptions, rectify_between
-from unshutter.run.inputs import PHOTO_SUFFIXES, RECTIFIED
+from unshutter.run.inputs import RECTIFIED
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.case import (
     Answer,
@@ -55,7 +56,7 @@ def photos_in(folder: Path, most: int | None, seed: int) -> list[Path]:
     _check(folder)
     photos = [p for p in pictures_in(folder) if not p.stem.endswith(RECTIFIED)]
     if not photos:
-        raise UnshutterError(f"no photos in folder {folder} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})")
+        raise UnshutterError(f"no photos in folder {folder} (looked for {', '.join(sorted(SUFFIXES))})")
     if most is None or most >= len(photos):
         return photos
     chosen = np.random.default_rng([seed, len(photos)]).permutation(len(photos))[:most]
@@ -64,7 +65,7 @@ def photos_in(folder: Path, most: int | None, seed: int) -> list[Path]:
 
 def pictures_in(folder: Path) -> list[Path]:
     """Returns all pictures of a folder and its subfolders, sorted, of any kind."""
-    return [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
+    return [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in SUFFIXES and p.is_file()]
 
 
 def pairs_in(folder: Path) -> list[Frame]:
@@ -119,7 +120,7 @@ def _check(folder: Path) -> None:
 
 def _numbered(folder: Path) -> list[Frame]:
     frames = []
-    for rs in sorted(p for p in folder.rglob("rs_*") if p.suffix.lower() in PHOTO_SUFFIXES):
+    for rs in sorted(p for p in folder.rglob("rs_*") if p.suffix.lower() in SUFFIXES):
         number = _RS.fullmatch(rs.stem)
         if number:
             gs = {r: p for r in ("first", "middle") if (p := rs.with_name(f"gs_{number[1]}_{r}{rs.suffix}")).is_file()}
@@ -130,7 +131,7 @@ def _numbered(folder: Path) -> list[Frame]:
 
 def _synthesized(folder: Path) -> list[Frame]:
     frames = []
-    for rs in sorted(p for p in (folder / "rs").iterdir() if p.suffix.lower() in PHOTO_SUFFIXES):
+    for rs in sorted(p for p in (folder / "rs").iterdir() if p.suffix.lower() in SUFFIXES):
         gs = folder / "gs" / rs.name
         if not gs.is_file():
             raise UnshutterError(f"{rs} has no global-shutter picture {gs}")

@@ -102,7 +102,7 @@ function widget(kind, name, schema, id, set) {
   if (!schema.enum) return text(id, said, schema.examples, set);
   const values = schema.default === undefined ? ["", ...schema.enum] : schema.enum;
   const choices = look(words.choices, `${kind}-${name}`) ?? look(words.choices, name) ?? {};
-  const named = values.map((value) => [value, look(choices, value) ?? (value || words.usual)]);
+  const named = values.map((value) => [value, look(choices, value) ?? look(schema.titles ?? {}, value) ?? (value || words.usual)]);
   return select(id, said, Object.fromEntries(named), set);
 }
 

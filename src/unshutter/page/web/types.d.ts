@@ -157,6 +157,7 @@ export interface Schema {
   description: string;
   group: string;
   enum?: string[];
+  titles?: Record<string, string>; // of values of enum, where they have any
   examples: string[];
   default?: string | number | boolean;
   minimum?: number;

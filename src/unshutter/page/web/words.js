@@ -264,7 +264,7 @@ export const words = {
       crop: "cut off",
       borrow: "borrow from neighbours",
     },
-    format: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
+    format: { "": "like the original" },
     model: { "": "as the frames show", camera: "alike", dense: "differently" },
     subsampling: { "": "like the original" },
   },

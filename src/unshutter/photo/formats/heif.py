@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from pi_heif import HeifImage
 
 
-_USUAL_QUALITY = 80  # where the user states none
 _THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
 
 
@@ -37,9 +36,7 @@ _THREADS = 4  # of the encoder, on every machine: it splits the picture into til
 class Avif(WrittenFormat):
     """AVIF: 8, 10 or 12 bits, RGB; the decoder returns grey as three channels."""
 
-    name = written_as = "avif"
     loader = "heifload"
-    suffixes = (".avif",)
     signature = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
     longest_side = 16_384
     deep = True
@@ -86,7 +83,7 @@ class Avif(WrittenFormat):
         deep = coding.bits if coding.bits in (10, 12) else 12
         options = {
             "compression": "av1",
-            "Q": picture.quality or _USUAL_QUALITY,
+            "Q": picture.quality or self.row.usual_quality,
             "effort": 0,  # takes a quarter of the time of 2; docs/reference/formats.md describes what is lost
             "bitdepth": deep if picture.image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",
@@ -116,9 +113,6 @@ class Avif(WrittenFormat):
 class Heic(Format):
     """HEIC: read-only."""
 
-    name = "heic"
-    written_as = "avif"
-    suffixes = (".heic", ".heif", ".hif")
     signature = re.compile(rb"....ftyp(hevc|hevx|msf1|(....)*(hei[cxms]|mif1))", re.DOTALL)
 
     def read_header(self, source: Source) -> Header:

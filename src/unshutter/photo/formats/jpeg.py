@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 # Warnings about JPEGs in which no pixels are missing and which all viewers display.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 _TABLES, _FRAMES = 0xDB, (0xC0, 0xC1, 0xC2)  # markers
-_USUAL_QUALITY = 95  # where neither the user nor the original states one
 # Luminance quantisation of quality 50, in any order (ITU-T T.81, table K.1).
 _LUMINANCE = (
     *(16, 11, 10, 16, 24, 40, 51, 61, 12, 12, 14, 19, 26, 58, 60, 55, 14, 13, 16, 24, 40, 57, 69, 56, 14, 17, 22, 29),
@@ -58,9 +57,7 @@ _READ: dict[int, tuple[bytes, ...]] = {
 class Jpeg(WrittenFormat):
     """JPEG: 8 bits, grey or RGB, no alpha; the only format that can be decoded at a reduced size for less work."""
 
-    name = written_as = "jpeg"
     loader = "jpegload"
-    suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
     signature = re.compile(rb"\xff\xd8\xff")
     shrinks = (8, 4, 2)
     longest_side = 65_500
@@ -99,7 +96,7 @@ class Jpeg(WrittenFormat):
         packet = None if _is_too_long(metadata.xmp) else metadata.xmp
         written = replace(picture, metadata=replace(metadata, exif=None, xmp=packet))
         options = {
-            "Q": picture.quality or coding.quality or _USUAL_QUALITY,
+            "Q": picture.quality or coding.quality or self.row.usual_quality,
             "subsample_mode": "on" if coding.subsampled else "off",
         }
         return picture_format.encode(written, "jpegsave", path, **options)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, NamedTuple
 
 from unshutter.errors import UnshutterError
-from unshutter.options import PictureFormat
+from unshutter.options.picture_formats import FormatRow
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif
 from unshutter.photo.directories import EXIF_PREFIX
@@ -154,15 +154,15 @@ class Picture:
 
 
 class Format(ABC):
-    """A file format that can be read."""
+    """Reads the files of one row of the table of picture formats."""
 
-    name: ClassVar[str]  # its name, as in ``Photo.format``
-    suffixes: ClassVar[tuple[str, ...]]  # extensions of its files, the usual one first
-    written_as: ClassVar[str]  # name of the output format: its own, or another if the format is read-only
     # factors by which pictures can be reduced during decoding to save work, in descending order
     shrinks: ClassVar[tuple[int, ...]] = ()
 
     signature: ClassVar[re.Pattern[bytes]]  # of its files' first bytes, of which 64 are read
+
+    def __init__(self, row: FormatRow) -> None:
+        self.row = row
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """Whether a file with these first bytes has this format, unless a format checked earlier claims it."""
@@ -181,9 +181,8 @@ class Format(ABC):
 
 
 class WrittenFormat(Format):
-    """A file format that libvips reads and writes."""
+    """Reads and writes files through libvips."""
 
-    name: ClassVar[PictureFormat]
     loader: ClassVar[str]  # libvips's operation that reads it
     longest_side: ClassVar[int]  # maximum side [px]
     deep: ClassVar[bool]  # whether it supports more than 8 bits

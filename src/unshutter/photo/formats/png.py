@@ -51,9 +51,7 @@ _ONE_FRAME = struct.pack(">I", 1)
 class Png(WrittenFormat):
     """PNG: 8 or 16 bits, lossless."""
 
-    name = written_as = "png"
     loader = "pngload"
-    suffixes = (".png",)
     signature = re.compile(rb"\x89PNG\r\n\x1a\n")
     longest_side = 10_000_000
     deep = True

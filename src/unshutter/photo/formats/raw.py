@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     import numpy as np
     import rawpy
 
-_CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
 _DNG_VERSION = 0xC612
 _PRIVATE_DATA = 0xC634
 _PANASONIC_JPEG = 0x002E
@@ -55,16 +54,13 @@ _COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # 
 class Raw(Format):
     """Raw files of all makers that LibRaw supports: read-only, as 16-bit RGB."""
 
-    name = "raw"
-    written_as = "tiff"
     signature = re.compile(
         rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
     )
-    suffixes = tuple(f".{ending}" for ending in _CAMERAS.split())
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format. Raw files of many makers begin like a TIFF; some are identified only by their extension."""
-        return super().recognises(source, head) or source.suffix in self.suffixes or _is_raw_tiff(source)
+        return super().recognises(source, head) or source.suffix in self.row.suffixes or _is_raw_tiff(source)
 
     def read_header(self, source: Source) -> Header:
         """See Format."""

@@ -49,9 +49,7 @@ _CLASSIC_BYTES = 3_500_000_000  # larger files become BigTIFFs
 class Tiff(WrittenFormat):
     """TIFF: 8 or 16 bits, lossless."""
 
-    name = written_as = "tiff"
     loader = "tiffload"
-    suffixes = (".tif", ".tiff")
     signature = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
     longest_side = 10_000_000
     deep = True

@@ -20,16 +20,13 @@ from unshutter.photo.libvips import Source
 _METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is a misspelling by some programs
 _OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
 _LONGEST = 1 << 28  # maximum size of a chunk to read [bytes]
-_USUAL_QUALITY = 90  # where neither the user nor the original states one
 
 
 @final
 class Webp(WrittenFormat):
     """WebP: 8 bits, RGB."""
 
-    name = written_as = "webp"
     loader = "webpload"
-    suffixes = (".webp",)
     signature = re.compile(rb"RIFF....WEBP", re.DOTALL)
     longest_side = 16_383
     deep = False
@@ -56,7 +53,7 @@ class Webp(WrittenFormat):
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
         lossless = picture.coding.lossless and picture.quality is None
-        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or _USUAL_QUALITY}
+        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or self.row.usual_quality}
         return picture_format.encode(picture, "webpsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
