@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import suggestion
+from unshutter.errors import UnshutterError, suggestion
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -22,6 +22,18 @@ def plugins(group: str) -> EntryPoints:
     from importlib.metadata import entry_points  # slow to import, and rarely needed
 
     return entry_points(group=group)
+
+
+def import_method(name: str) -> None:
+    """Imports the module of another package's method, and so its kinds of motion; all methods' if none has the name."""
+    from importlib import import_module
+
+    points = plugins("unshutter.estimators")
+    for point in points.select(name=name) or points:
+        try:
+            import_module(point.load().home.partition(":")[0])
+        except Exception as error:  # another package's import may raise anything
+            raise UnshutterError(f"cannot load the installed estimator '{point.name}': {error}") from None
 
 
 def extra(name: str) -> str:

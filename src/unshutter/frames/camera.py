@@ -32,11 +32,9 @@ from unshutter.frames.parallax import PairShapes, Solution
 from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
+from unshutter.motion.robust import falling_weights, student_log_likelihoods, student_weights
 from unshutter.motion.shapes import Bool, Float64
 from unshutter.progress import Count, uncounted
-
-DEGREES = 3.0  # degrees of freedom of Student's t, the model of the tracks' errors
-_FINEST = 0.02  # px; lower limit of the tracks' noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,26 +86,6 @@ class RotationEquations:
     def _moved_products(self) -> np.ndarray:
         """[pairs, most, unknowns] J^T moved of each track."""
         return (self.jacobian * self.moved[..., None]).sum(axis=2)
-
-
-def student_weights(
-    squared: Float64[np.ndarray, "pairs most"], used: Bool[np.ndarray, "pairs most"], noise: float
-) -> tuple[Float64[np.ndarray, "pairs most"], float]:
-    """Returns weights of the tracks under Student's t, which limits the influence of outliers, and their noise [px].
-
-    Args:
-        squared: squared distance of each track's end from its expected position [px^2].
-        used: which entries of the padded arrays hold a track; the others get zero weight.
-        noise: current estimate [px]; NaN for none.
-    """
-    known = squared[used]
-    noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
-    for _ in range(3):
-        noise = max(noise, _FINEST)
-        share = (DEGREES + 2) / (DEGREES + known / noise**2)
-        noise = np.sqrt((share * known).mean() / 2)
-    noise = max(noise, _FINEST)
-    return used * (DEGREES + 2) / (DEGREES + squared / noise**2) / noise**2, noise
 
 
 ROWS = 256  # errors and curvatures are in pixels of a picture with this many rows
@@ -312,8 +290,7 @@ class Problem:
         assert unknowns is not None
         assert solution is not None
         squared = self._squared(equations, unknowns, shapes)[self._used]
-        likelihood = -2 * len(squared) * np.log(noise)
-        likelihood -= (DEGREES + 2) / 2 * np.log1p(squared / (DEGREES * noise**2)).sum()
+        likelihood = student_log_likelihoods(squared, noise).sum()
         free = len(unknowns) - 2 * _UNKNOWNS  # the prior leaves position and speed free
         bent = stiffness * unknowns @ (self._prior @ unknowns) + _RIDGE * unknowns @ unknowns
         evidence = likelihood - (bent + solution.cost - free * np.log(stiffness) + log_determinant(solution.left)) / 2
@@ -379,7 +356,7 @@ def rotation_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"
         unknowns = np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, moved))
         off = np.hypot(*(moved - jacobian @ unknowns).T)
         scale = max(float(np.median(off)), _LEAST_OFF)
-        weights = 1 / (1 + (off / scale) ** 2) ** 2
+        weights = falling_weights(off**2, scale, power=2)
     return unknowns[:3] / focal_px
 
 

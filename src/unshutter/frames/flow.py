@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 
 from unshutter.frames.frame_motion import Timing
+from unshutter.frames.tracks import MIN_TRACKS, lucas_kanade, picture_shift
 from unshutter.motion.shapes import Float, Float32, Float64, UInt8
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
@@ -36,9 +37,8 @@ NO_ARRAY: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an emp
 _CONSISTENT = 1.5  # px: forward-backward error
 _CORNERS = 600
 _QUALITY, _DISTANCE = 0.005, 5  # of corners: share of the best one's strength; px between them
-_WINDOW, _LEVELS = (15, 15), 4  # of Lucas-Kanade tracking
+_WINDOW = 15  # px, of Lucas-Kanade tracking
 _MOST_ROUND_TRIP = 0.5  # px: forward-backward error of a tracked corner
-_MIN_TRACKS = 12
 _INLIER = 1.0  # px
 _SEED = 0
 
@@ -134,15 +134,15 @@ def plane_between(
     """
     height, width = first.shape
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, _QUALITY, _DISTANCE)
-    if corners is None or len(corners) < _MIN_TRACKS:
+    if corners is None or len(corners) < MIN_TRACKS:
         return np.eye(3)
-    starts = [np.zeros(2, np.float32), _shift(first, second)]
+    starts = [np.zeros(2, np.float32), picture_shift(first, second)[0].astype(np.float32)]
     begin, end = max((_tracked(first, second, corners, start) for start in starts), key=lambda ends: len(ends[0]))
-    if len(begin) < _MIN_TRACKS:
+    if len(begin) < MIN_TRACKS:
         return np.eye(3)
     cv2.setRNGSeed(_SEED)
     homography, inliers = cv2.findHomography(begin, end, cv2.USAC_MAGSAC, _INLIER, maxIters=2000, confidence=0.999)
-    if homography is None or inliers.sum() < _MIN_TRACKS or not _is_sound(homography, height, width):
+    if homography is None or inliers.sum() < MIN_TRACKS or not _is_sound(homography, height, width):
         return np.eye(3)
     return homography
 
@@ -153,23 +153,13 @@ def move_points(plane: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "rows
     return ends.reshape(points.shape).astype(np.float32)
 
 
-def _shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Returns (columns, rows) by which the whole picture moved, from phase correlation."""
-    height, width = first.shape
-    window = cv2.createHanningWindow((width, height), cv2.CV_32F)
-    shift, _ = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
-    return np.array(shift, np.float32)
-
-
 def _tracked(
     first: np.ndarray, second: np.ndarray, corners: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the corners [N, 2] tracked to the second picture and back, and their positions there."""
-    settings = {"winSize": _WINDOW, "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-    there, status, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, corners + start, **settings)
-    back, status_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, there - start, **settings)
-    near = np.linalg.norm(back - corners, axis=2)[:, 0] < _MOST_ROUND_TRIP
-    good = near & (status[:, 0] > 0) & (status_back[:, 0] > 0)
+    there, seen = lucas_kanade(first, second, corners, corners + start, _WINDOW)
+    back, seen_back = lucas_kanade(second, first, there, there - start, _WINDOW)
+    good = seen & seen_back & (np.linalg.norm(back - corners, axis=2)[:, 0] < _MOST_ROUND_TRIP)
     return corners[good, 0], there[good, 0]
 
 

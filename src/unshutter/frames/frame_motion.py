@@ -15,7 +15,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.camera import ROWS, Fit, rotation_between, rotation_jacobian
 from unshutter.frames.self_calibration import usual_focal
-from unshutter.frames.tracks import Tracks
+from unshutter.frames.tracks import MIN_TRACKS, Tracks
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
@@ -70,7 +70,6 @@ class Timing:
 NAME = "frames-camera"
 _NOTHING_PX = 0.1  # px of ROWS rows: smaller displacements within a frame count as no motion
 AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
-_LEAST_TRACKS = 12  # fewest for the camera's rotation
 
 
 class KnownRotations(Protocol):
@@ -190,7 +189,7 @@ class FrameMotion:
             at = self.at + self.ratio / 2
             earlier, later = self.fit.rotation(np.array([at - self.after, at]))
             rotation = later - earlier
-        if self.rotations is None and self.tracks is not None and len(self.tracks) >= _LEAST_TRACKS:
+        if self.rotations is None and self.tracks is not None and len(self.tracks) >= MIN_TRACKS:
             rotation = rotation + rotation_between(self._left_of(self.tracks, self.fit), self.fit.focal_px)
         if self.rotations is not None:
             rotation = rotation + self.rotations.from_frame(before.time_s, self.time_s, 0.5)
@@ -208,7 +207,7 @@ class FrameMotion:
 
     def _step_of_pair(self) -> Step | None:
         """Returns the camera's rotation from the tracks since the previous frame alone, ignoring the readout time."""
-        if self.tracks is None or len(self.tracks) < _LEAST_TRACKS:
+        if self.tracks is None or len(self.tracks) < MIN_TRACKS:
             return None
         focal = self.focal or usual_focal(self.tracks)
         return Step(rotation_between(self.tracks, focal), focal / ROWS)

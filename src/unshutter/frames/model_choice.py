@@ -13,12 +13,11 @@ from unshutter.frames.camera import ROWS, rotation_jacobian
 from unshutter.frames.flow import Flow, bilinear
 from unshutter.frames.frame import Frame
 from unshutter.frames.frame_motion import FrameMotion
-from unshutter.frames.tracks import Tracks
+from unshutter.frames.tracks import MIN_TRACKS, Tracks
 from unshutter.options import FrameModel
 
 _SHARE = 75  # percentile of the corners' errors that is compared
 _LEAST, _WORSE = 0.1, 1.5  # error always allowed [px of ROWS rows]; plus this multiple of the flow's
-_FEWEST = 12  # corners
 
 
 def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
@@ -52,7 +51,7 @@ def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
     Args:
         first: number of the earlier frame, counted from ``camera``'s frame.
     """
-    if camera.fit is None or len(tracks) < _FEWEST:
+    if camera.fit is None or len(tracks) < MIN_TRACKS:
         return np.inf
     unit = ROWS / tracks.height
     ends = (np.stack([tracks.start, tracks.end]) + 0.5) * unit

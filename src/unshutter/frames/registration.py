@@ -26,6 +26,7 @@ import numpy as np
 from unshutter.frames.camera import ROWS, Fit, rotation_jacobian
 from unshutter.frames.flow import NO_ARRAY
 from unshutter.frames.tracks import follow
+from unshutter.motion.robust import student_weights
 from unshutter.motion.shapes import Float64, UInt8
 
 _FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes with little texture
@@ -124,7 +125,6 @@ def _like(picture: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarra
 
 
 _ROUNDS = 6
-_DEGREES = 3.0  # degrees of freedom of Student's t
 _FINEST = 0.05  # px of ROWS rows; lower limit of the matches' noise
 _CURVATURE = 0.25  # px of ROWS rows: prior standard deviation of q2
 _COMMON = 4.0  # errors of matches are correlated
@@ -175,6 +175,7 @@ def fit_still(frames: Frames, found: Mapping[int, Matches], height: float) -> St
     b = np.concatenate(moved)
     prior = np.zeros(A.shape[-1])
     prior[6:9] = _CURVATURE**-2.0
+    every = np.ones(len(b), bool)
     weights = np.ones(len(b))
     noise = np.nan
     unknowns = np.zeros(A.shape[-1])
@@ -183,10 +184,8 @@ def fit_still(frames: Frames, found: Mapping[int, Matches], height: float) -> St
         normal = np.einsum("n,nik,nil->kl", weights, A, A) + np.diag(prior) * (noise**2 if np.isfinite(noise) else 1e-3)
         unknowns = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, A, b))
         squared = ((b - A @ unknowns) ** 2).sum(axis=1)
-        noise = np.sqrt(np.median(squared) / 1.4) if np.isnan(noise) else noise
-        share = (_DEGREES + 2) / (_DEGREES + squared / noise**2)
-        noise = max(float(np.sqrt((share * squared).mean() / 2)), _FINEST)
-        weights = (_DEGREES + 2) / (_DEGREES + squared / noise**2)
+        weights, noise = student_weights(squared, every, noise, _FINEST, rounds=1)
+        weights *= noise**2
         covariance = np.linalg.inv(normal) * noise**2 * _COMMON
     error = np.sqrt(np.diag(covariance)[:_TURNS]).reshape(3, 3)
     return StillFit(unknowns[:_TURNS].reshape(3, 3), error)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from unshutter.motion.lens import Lens
-from unshutter.motion.shapes import Bool, Float64, UInt8
+from unshutter.motion.shapes import Bool, Float32, Float64, UInt8
 
 TRACKED_SIDE = 360  # px, short side of the copies in which corners are tracked
 _MOST_CORNERS = 200
 _QUALITY = 0.005  # of a corner, as a share of the best one's
 _APART = 1 / 45  # distance of corners, as a share of the diagonal
 _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
+_LEAST_RESPONSE = 0.05  # of the phase correlation; below it, the shift is unknown
 _RETURNS = 0.3  # px; largest forward-backward error
 _ALIKE = 0.5  # mean correlation of windows: above it, two frames show one scene (noise alone: at most 0.3)
 _BY_CHANCE = 5.0  # standard errors by which tracks must be more, or their windows more alike, than by chance
@@ -61,7 +63,7 @@ class Tracks:
         return replace(self, start=last - self.start, end=last - self.end)
 
     def split(self, every: int) -> tuple[Tracks, Tracks]:
-        """Returns these tracks without every so many of them, and those."""
+        """Splits off every n-th track, held out to check a fit; returns the others first."""
         held_out = np.arange(len(self)) % every == 0
         return self.only(~held_out), self.only(held_out)
 
@@ -73,8 +75,6 @@ def follow(
 
     Frames may be shifted by a third of their width: phase correlation of small copies gives the starting point.
     """
-    import cv2
-
     height, width = earlier.shape
     apart = max(3.0, _APART * np.hypot(height, width))
     corners = cv2.goodFeaturesToTrack(earlier, _MOST_CORNERS, _QUALITY, apart)
@@ -86,23 +86,45 @@ def follow(
 
 def _found(earlier: np.ndarray, later: np.ndarray, corners: np.ndarray, lens: Lens | None = None) -> Tracks:
     """Returns the tracks of those corners [N, 1, 2] that are found again."""
-    import cv2
-
     height, width = earlier.shape
-    guess = corners + _shift(earlier, later).astype(np.float32)
-    settings = {
-        "winSize": (_WINDOW, _WINDOW),
-        "maxLevel": _LEVELS,
-        "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
-        "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01),
-    }
-    there, status, _ = cv2.calcOpticalFlowPyrLK(earlier, later, corners, guess, **settings)
-    back, status_back, _ = cv2.calcOpticalFlowPyrLK(later, earlier, there, corners + (there - guess), **settings)
-    start = corners[:, 0].astype(np.float64)
-    end = there[:, 0].astype(np.float64)
-    good = (status[:, 0] > 0) & (status_back[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
+    scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
+    size = tuple(max(round(side / scale), 2) for side in earlier.shape[::-1])
+    small = [cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in (earlier, later)]
+    shift, response = picture_shift(*small)
+    shift = shift * (width, height) / size if response > _LEAST_RESPONSE else np.zeros(2)
+    there, seen = lucas_kanade(earlier, later, corners, corners + shift.astype(np.float32), _WINDOW)
+    back, seen_back = lucas_kanade(later, earlier, there, corners, _WINDOW)
+    start, end = (each[:, 0].astype(np.float64) for each in (corners, there))
+    good = seen & seen_back & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
     good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
     return Tracks(start[good], end[good], height, width, len(corners), lens)
+
+
+def picture_shift(
+    first: UInt8[np.ndarray, "rows columns"], second: UInt8[np.ndarray, "rows columns"]
+) -> tuple[Float64[np.ndarray, "2"], float]:
+    """Returns (columns, rows) by which a whole picture moved, by phase correlation, and how clear that is (0 to 1)."""
+    window = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
+    shift, response = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
+    return np.array(shift), response
+
+
+def lucas_kanade(
+    first: UInt8[np.ndarray, "rows columns"],
+    second: UInt8[np.ndarray, "rows columns"],
+    points: Float32[np.ndarray, "points 1 2"],
+    guess: Float32[np.ndarray, "points 1 2"],
+    window: int,
+) -> tuple[Float32[np.ndarray, "points 1 2"], Bool[np.ndarray, "points"]]:
+    """Searches points of a picture in another one by pyramidal Lucas-Kanade; returns their positions, and which exist.
+
+    Args:
+        guess: positions from which the search starts.
+        window: side of the windows that are compared [px].
+    """
+    settings = {"winSize": (window, window), "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    found, status, _ = cv2.calcOpticalFlowPyrLK(first, second, points, guess.copy(), **settings)
+    return found, status[:, 0] > 0
 
 
 def _shows_one_scene(tracks: Tracks, earlier: np.ndarray, later: np.ndarray, corners: np.ndarray) -> bool:
@@ -136,25 +158,12 @@ def _correlations(tracks: Tracks, earlier: np.ndarray, later: np.ndarray) -> Flo
 
 def _windows(picture: np.ndarray, points: np.ndarray) -> Float64[np.ndarray, "points window"]:
     """Returns the pixels of the windows around points (col, row), less the mean of each window."""
-    import cv2
-
     aside = np.arange(_WINDOW) - _WINDOW // 2
     column = np.repeat(points[:, 0, None] + aside, _WINDOW, axis=0).astype(np.float32)
     row = np.repeat((points[:, 1, None] + aside).reshape(-1, 1), _WINDOW, axis=1).astype(np.float32)
     seen = cv2.remap(picture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     seen = seen.reshape(len(points), -1).astype(np.float64)
     return seen - seen.mean(axis=1, keepdims=True)
-
-
-def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """Returns the approximate (col, row) shift of the whole picture [px], or zero if it cannot be measured."""
-    import cv2
-
-    scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
-    size = tuple(max(round(side / scale), 2) for side in earlier.shape[::-1])
-    before, after = (cv2.resize(a, size, interpolation=cv2.INTER_AREA).astype(np.float32) for a in (earlier, later))
-    shift, response = cv2.phaseCorrelate(before, after, cv2.createHanningWindow(size, cv2.CV_32F))
-    return np.array(shift) * earlier.shape[::-1] / size if response > 0.05 else np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,8 +259,6 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndar
 
 def _close_to_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks, near: float, at_first: float) -> np.ndarray:
     """[N] bool: the points that fit a homography, at first and then with smooth deviations [px]."""
-    import cv2
-
     diagonal = float(np.hypot(tracks.height, tracks.width))
     before, after = (straightened(points, tracks) for points in (start, end))
     homography, agreeing = cv2.findHomography(before, after, cv2.USAC_ACCURATE, at_first)

@@ -8,7 +8,6 @@ import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property, partial
-from importlib import import_module
 from typing import ClassVar, Self
 
 import numpy as np
@@ -272,7 +271,7 @@ class Motion(ABC):
         kind = str(data.get("kind", first_kinds))
         height = motion_file.whole_number(data["height"])
         if kind not in Motion._kinds:
-            _import_method(str(data.get("estimator")))
+            version.import_method(str(data.get("estimator")))
         if kind not in Motion._kinds:
             made_by = shortened(data.get("estimator"))
             raise UnshutterError(
@@ -306,13 +305,3 @@ class Motion(ABC):
 
 def _same(one: object, other: object) -> bool:
     return np.array_equal(one, other) if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) else one == other
-
-
-def _import_method(name: str) -> None:
-    """Imports the method of another package that found a motion, all if it is unknown, and so their kinds of motion."""
-    points = version.plugins("unshutter.estimators")
-    for point in points.select(name=name) or points:
-        try:
-            import_module(point.load().home.partition(":")[0])
-        except Exception as error:  # another package's import may raise anything
-            raise UnshutterError(f"cannot load the installed estimator '{point.name}': {error}") from None

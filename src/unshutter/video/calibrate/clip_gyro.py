@@ -17,6 +17,7 @@ from unshutter.errors import UsageError
 from unshutter.frames.camera import ROWS, track_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import GUESSED_RATIO
+from unshutter.motion.robust import falling_weights
 from unshutter.motion.shapes import Float64
 from unshutter.options.clip_options import GYRO_OFF
 from unshutter.progress import Count, uncounted
@@ -376,7 +377,7 @@ def frame_rotations(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
     for _ in range(4):
         answer = np.linalg.lstsq(jacobian * weights[:, None], moved * weights, rcond=None)[0]
         off = np.abs(moved - jacobian @ answer)
-        weights = 1 / np.sqrt(1 + (off / (2 * np.median(off) + 1e-3)) ** 2)
+        weights = falling_weights(off**2, 2 * float(np.median(off)) + 1e-3, power=0.5)
     return answer
 
 

@@ -18,11 +18,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from unshutter.frames.camera import ROWS, student_weights, track_jacobian
+from unshutter.frames.camera import ROWS, track_jacobian
 from unshutter.frames.frame_motion import AT_REST, FrameMotion
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion
+from unshutter.motion.robust import student_weights
 from unshutter.motion.shapes import Float64
 from unshutter.motion.verdict import undone_part
 from unshutter.options.clip_options import ClipUndo, RectifyClip

@@ -22,10 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError, shortened
-from unshutter.frames.camera import DEGREES, ROWS, padded_ends, rotation_jacobian, student_weights
+from unshutter.frames.camera import ROWS, padded_ends, rotation_jacobian
 from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
+from unshutter.motion.robust import student_log_likelihoods, student_weights
 from unshutter.motion.shapes import Float64
 from unshutter.options import USUAL_FOCAL
 from unshutter.storage.files import read_text
@@ -338,7 +339,7 @@ class _Turning:
             left = self.moved - (design @ np.linalg.solve(normal, weighted @ self.moved[..., None]))[..., 0]
             squared = (left.reshape(*self.used.shape, 2) ** 2).sum(axis=-1)
             weights, noise = student_weights(squared, self.used, noise)
-        each = -2 * np.log(noise) - (DEGREES + 2) / 2 * np.log1p(squared[self.used] / (DEGREES * noise**2))
+        each = student_log_likelihoods(squared[self.used], noise)
         return float(each.sum()) / _COMMON
 
 

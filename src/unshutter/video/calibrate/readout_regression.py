@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unshutter.frames.tracks import Tracks, straightened
+from unshutter.motion.robust import falling_weights
 from unshutter.motion.shapes import Bool, Float64
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 
@@ -91,7 +92,7 @@ class PairMotion:
             unknowns = np.linalg.lstsq(normal, np.einsum("nci,nc->i", weighted, moved), rcond=None)[0]
             squared = np.square(moved - rows @ unknowns).sum(axis=1)
             scale = max(1.4826**2 * float(np.median(squared)) / 1.4, 1e-5)
-            weights = 1 / (1 + squared / (4 * scale)) ** 2
+            weights = falling_weights(squared, 2 * scale**0.5, power=2)
         return cls(unknowns[[0, 3]], np.array([unknowns[2] + unknowns[4], unknowns[5] - unknowns[1]]))
 
 
@@ -280,7 +281,7 @@ def fit_robustly(
         unknowns = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
         left = values - rows @ unknowns
         scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
-        weights = 1 / (1 + (left / (2.5 * scale)) ** 2)
+        weights = falling_weights(left**2, 2.5 * scale, power=1)
     inverse = np.linalg.pinv((rows * weights[:, None]).T @ rows)
     scores = rows * (weights * left)[:, None]
     scatter = scores.T @ scores

@@ -20,10 +20,11 @@ from functools import cached_property
 
 import numpy as np
 
-from unshutter.frames.camera import ROWS, padded_ends, student_weights
+from unshutter.frames.camera import ROWS, padded_ends
 from unshutter.frames.self_calibration import fewer
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
+from unshutter.motion.robust import student_weights
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.progress import Count, uncounted

@@ -1,0 +1,54 @@
+"""Weights for robust fits: measurements that fit badly have little influence.
+
+Fits alternate between solving with the weights and computing new weights from what the solution leaves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unshutter.motion.shapes import Bool, Float, Float64
+
+_DEGREES = 3.0  # of freedom of Student's t, the model of the errors of tracks and matches
+FINEST_PX = 0.02  # lower limit of the noise of tracks
+
+
+def student_weights(
+    squared: Float64[np.ndarray, "*shape"],
+    used: Bool[np.ndarray, "*shape"],
+    noise: float,
+    finest: float = FINEST_PX,
+    rounds: int = 3,
+) -> tuple[Float64[np.ndarray, "*shape"], float]:
+    """Returns weights of points under Student's t in two dimensions, and their noise [px].
+
+    Args:
+        squared: squared distance of each point from its expected position [px^2].
+        used: which entries hold a point; the others get zero weight.
+        noise: current estimate [px]; NaN for none.
+        finest: lower limit of the noise [px].
+        rounds: number of steps towards the noise that these distances show.
+    """
+    known = squared[used]
+    noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+    for _ in range(rounds):
+        noise = max(noise, finest)
+        share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
+        noise = np.sqrt((share * known).mean() / 2)
+    noise = max(float(noise), finest)
+    return used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
+
+
+def student_log_likelihoods(squared: Float64[np.ndarray, "*shape"], noise: float) -> Float64[np.ndarray, "*shape"]:
+    """Returns the log probability of each point's distance under Student's t in two dimensions, up to a constant."""
+    return -2 * np.log(noise) - (_DEGREES + 2) / 2 * np.log1p(squared / (_DEGREES * noise**2))
+
+
+def falling_weights(squared: Float[np.ndarray, "*shape"], scale: float, power: float) -> Float[np.ndarray, "*shape"]:
+    """Returns 1 / (1 + squared / scale^2)^power: 2 is Geman and McClure's weight, 1 Cauchy's, 1/2 nearly Huber's.
+
+    Args:
+        squared: squared residuals.
+        scale: residual from which weights fall.
+    """
+    return 1 / (1 + squared / scale**2) ** power
