@@ -162,7 +162,10 @@ def test_a_long_video_is_decoded_around_the_moment_only(tmp_path, monkeypatch, m
     path = clips.write(
         tmp_path / "a.mp4", clips.standing(1) * 60, times=[k / 3 for k in range(60)], options={"g": "10"}
     )
-    monkeypatch.setattr(video_module, "_MOST_BEFORE", 25 - video_module._MOST_FRAMES)  # fewer than from the start
+    params = video_module.VIDEO
+    monkeypatch.setattr(
+        video_module, "VIDEO", replace(params, most_before=25 - params.most_frames)
+    )  # not from the start
     video = video_module.decode_embedded_video(EmbeddedVideo(path.read_bytes(), moment_s))
     assert (video is None) == (not frames)
     if video is not None:

@@ -356,7 +356,7 @@ def rotation_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"
         unknowns = np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, moved))
         off = np.hypot(*(moved - jacobian @ unknowns).T)
         scale = max(float(np.median(off)), _LEAST_OFF)
-        weights = falling_weights(off**2, scale, power=2)
+        weights = falling_weights((off / scale) ** 2, power=2)
     return unknowns[:3] / focal_px
 
 

@@ -30,16 +30,52 @@ from unshutter.frames.frame_motion import Timing
 from unshutter.frames.tracks import MIN_TRACKS, lucas_kanade, picture_shift
 from unshutter.motion.shapes import Float, Float32, Float64, UInt8
 
-_PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
-_DESCENTS = 25
-_REFINEMENTS = 5
 NO_ARRAY: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an empty array as a map
-_CONSISTENT = 1.5  # px: forward-backward error
-_CORNERS = 600
-_QUALITY, _DISTANCE = 0.005, 5  # of corners: share of the best one's strength; px between them
-_WINDOW = 15  # px, of Lucas-Kanade tracking
-_MOST_ROUND_TRIP = 0.5  # px: forward-backward error of a tracked corner
-_INLIER = 1.0  # px
+
+
+@dataclass(frozen=True)
+class DenseParams:
+    """How the dense model finds and fuses motion (docs/research/frames.md, frames-attempts.md).
+
+    Lengths are in px of the small copies; differences in grey levels, of 8 bits.
+    """
+
+    patch: int = 12  # of DIS; larger patches than OpenCV's presets
+    stride: int = 4  # from one to the next
+    descents: int = 25
+    refinements: int = 5
+    consistent: float = 1.5  # largest forward-backward error of consistent flow
+    corners: int = 600
+    quality: float = 0.005  # of corners: share of the best one's strength
+    distance: int = 5  # between corners
+    window: int = 15  # of Lucas-Kanade tracking
+    returns_px: float = 0.5  # largest forward-backward error of a tracked corner
+    inlier: float = 1.0  # largest distance from the homography
+
+    # ---- velocities
+    rounds: int = 4  # of the fixed-point iteration
+    compared: float = 0.11  # of the width: window in which candidate velocities are compared
+    nodes: int = 8  # between nodes at which the plane's velocities are computed
+    every: int = 2  # every second pixel is compared, since a window holds thousands
+    softness: float = 0.5  # candidates whose costs differ by less are blended
+    doubt: float = 2.0  # scale of the difference in cost at which one neighbour is preferred
+    unseen: float = 30.0  # cost of a candidate that leads outside a frame
+
+    # ---- pictures
+    agreeing: float = 60.0  # difference at which a frame's weight falls to 1 / e
+    nearest: float = 0.02  # frame intervals: weights do not increase further below this
+    fall: float = 0.7  # exponent of the distance in time
+    most_rows: int = 480  # short side of the small copies,
+    least_shrink: int = 2  # and how much smaller than the frame they are
+    least_consistent: float = 0.35  # share of consistent flow; below it, the frames show different scenes
+    least_gain: float = 0.06  # least share of the difference between the frames that their motion must explain
+    noise_gain: float = 0.25  # least share if the motion may have been fitted to noise, which it was not
+    plain_consistent: float = 0.7  # if it is at least this consistent
+    plain_move: float = 0.5  # and this large (mean)
+    unmoved: float = 0.1  # if nine tenths of a picture move by less, it is left unchanged
+
+
+DENSE = DenseParams()
 _SEED = 0
 
 
@@ -104,10 +140,10 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray, halvings
 def _search(halvings: int) -> cv2.DISOpticalFlow:
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(halvings)
-    search.setPatchSize(_PATCH)
-    search.setPatchStride(_STRIDE)
-    search.setGradientDescentIterations(_DESCENTS)
-    search.setVariationalRefinementIterations(_REFINEMENTS)
+    search.setPatchSize(DENSE.patch)
+    search.setPatchStride(DENSE.stride)
+    search.setGradientDescentIterations(DENSE.descents)
+    search.setVariationalRefinementIterations(DENSE.refinements)
     return search
 
 
@@ -118,7 +154,7 @@ def _consistent_share(forward: np.ndarray, backward: np.ndarray) -> float:
     if not has_one.any():
         return 0.0
     off = np.linalg.norm(forward + bilinear(backward, partner), axis=-1)
-    return float((off[has_one] < _CONSISTENT).mean())
+    return float((off[has_one] < DENSE.consistent).mean())
 
 
 # ---- the homography --------------------------------------------------------------------------------------
@@ -133,7 +169,7 @@ def plane_between(
     motion of up to a sixth of the width is found. The start that tracks more corners is used.
     """
     height, width = first.shape
-    corners = cv2.goodFeaturesToTrack(first, _CORNERS, _QUALITY, _DISTANCE)
+    corners = cv2.goodFeaturesToTrack(first, DENSE.corners, DENSE.quality, DENSE.distance)
     if corners is None or len(corners) < MIN_TRACKS:
         return np.eye(3)
     starts = [np.zeros(2, np.float32), picture_shift(first, second)[0].astype(np.float32)]
@@ -141,7 +177,7 @@ def plane_between(
     if len(begin) < MIN_TRACKS:
         return np.eye(3)
     cv2.setRNGSeed(_SEED)
-    homography, inliers = cv2.findHomography(begin, end, cv2.USAC_MAGSAC, _INLIER, maxIters=2000, confidence=0.999)
+    homography, inliers = cv2.findHomography(begin, end, cv2.USAC_MAGSAC, DENSE.inlier, maxIters=2000, confidence=0.999)
     if homography is None or inliers.sum() < MIN_TRACKS or not _is_sound(homography, height, width):
         return np.eye(3)
     return homography
@@ -157,9 +193,9 @@ def _tracked(
     first: np.ndarray, second: np.ndarray, corners: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the corners [N, 2] tracked to the second picture and back, and their positions there."""
-    there, seen = lucas_kanade(first, second, corners, corners + start, _WINDOW)
-    back, seen_back = lucas_kanade(second, first, there, there - start, _WINDOW)
-    good = seen & seen_back & (np.linalg.norm(back - corners, axis=2)[:, 0] < _MOST_ROUND_TRIP)
+    there, seen = lucas_kanade(first, second, corners, corners + start, DENSE.window)
+    back, seen_back = lucas_kanade(second, first, there, there - start, DENSE.window)
+    good = seen & seen_back & (np.linalg.norm(back - corners, axis=2)[:, 0] < DENSE.returns_px)
     return corners[good, 0], there[good, 0]
 
 
@@ -171,15 +207,6 @@ def _is_sound(plane: np.ndarray, height: int, width: int) -> bool:
     rotations = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
     far = np.abs(ends - outline[0]).max(axis=0)
     return bool((rotations > 0.25 * width * height).all() and (far < [width, height]).all())
-
-
-_ROUNDS = 4  # of the fixed-point iteration
-_DENSE_WINDOW = 0.11  # of the width: window in which candidate velocities are compared
-_NODES = 8  # px between nodes at which the plane's velocities are computed
-_EVERY = 2  # px: every second pixel is compared, since a window holds thousands
-_SOFTNESS = 0.5  # grey levels: candidates whose costs differ by less are blended
-_DOUBT = 2.0  # grey levels: scale of the difference in cost at which one neighbour is preferred
-_UNSEEN = 30.0  # grey levels: cost of a candidate that leads outside a frame
 
 
 @dataclass(frozen=True)
@@ -205,7 +232,7 @@ class Field:
         grid = pixel_grid(*self.velocity.shape[:2])
         position = _look(self.velocity, self.moment, self.timing, frame)
         if np.any(self.acceleration):
-            for _ in range(_ROUNDS):
+            for _ in range(DENSE.rounds):
                 ahead = (self.timing.exposed(frame, position[..., 1:]) - self.moment).astype(np.float32)
                 position = grid + (self.velocity + self.acceleration / 2 * ahead) * ahead
         return position - grid
@@ -225,7 +252,7 @@ def joined(before: Field, after: Field) -> Field:
     since = (before.moment - before.timing.exposed(0, own_row)).astype(np.float32)  # since frame 0 read this content
     change = after.velocity - before.velocity
     steady = (after.velocity + before.velocity) / 2 + change * since
-    trust = 1 / (1 + np.exp(np.clip((after.cost - before.cost) / _DOUBT, -30, 30)))  # in ``after``
+    trust = 1 / (1 + np.exp(np.clip((after.cost - before.cost) / DENSE.doubt, -30, 30)))  # in ``after``
     trust = _everywhere(trust, row)[..., None]
     both = 2 * np.minimum(trust, 1 - trust)
     better = np.where(trust > 0.5, after.velocity, before.velocity)
@@ -264,7 +291,7 @@ def field_between(
     if nearest == 1:
         ways[:2] = ways[1::-1]
     costs = np.stack([_cost(earlier, later, way, timing, moment) for way in ways])
-    weights = np.exp((costs.min(axis=0) - costs) / _SOFTNESS)
+    weights = np.exp((costs.min(axis=0) - costs) / DENSE.softness)
     weights /= weights.sum(axis=0)
     shares = [_everywhere(weight, ways[0])[..., None] for weight in weights]
     velocity = shares[0] * ways[0] + shares[1] * ways[1] + shares[2] * ways[2]
@@ -288,7 +315,7 @@ def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) 
     """Converts velocities at a frame's pixels to velocities at the pixels of the picture of a moment."""
     grid = pixel_grid(*velocity.shape[:2])
     position = grid
-    for _ in range(_ROUNDS):
+    for _ in range(DENSE.rounds):
         ahead = timing.exposed(frame, position[..., 1:]) - moment
         position = grid + bilinear(velocity, position) * ahead.astype(np.float32)
     return bilinear(velocity, position)
@@ -296,13 +323,13 @@ def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) 
 
 def _plane_at_moment(plane: np.ndarray, timing: Timing, moment: float, height: int, width: int) -> np.ndarray:
     """Returns the velocities of frame 0's plane in the picture of a moment; smooth, so computed at few nodes."""
-    nodes = pixel_grid(-(-height // _NODES) + 1, -(-width // _NODES) + 1) * np.float32(_NODES)
+    nodes = pixel_grid(-(-height // DENSE.nodes) + 1, -(-width // DENSE.nodes) + 1) * np.float32(DENSE.nodes)
     position = nodes
-    for _ in range(_ROUNDS):
+    for _ in range(DENSE.rounds):
         velocity = _velocity(move_points(plane, position) - position, timing, +1)
         position = nodes + velocity * (timing.exposed(0, position[..., 1:]) - moment).astype(np.float32)
     velocity = _velocity(move_points(plane, position) - position, timing, +1)
-    return bilinear(velocity.astype(np.float32), pixel_grid(height, width) / np.float32(_NODES))
+    return bilinear(velocity.astype(np.float32), pixel_grid(height, width) / np.float32(DENSE.nodes))
 
 
 def _look(
@@ -321,13 +348,13 @@ def _cost(
 ) -> np.ndarray:
     """Returns the difference between the frames where a velocity matches them, averaged around every second pixel."""
     height, width = earlier.shape
-    grid = pixel_grid(height, width)[::_EVERY, ::_EVERY]
-    there = velocity[::_EVERY, ::_EVERY]
+    grid = pixel_grid(height, width)[:: DENSE.every, :: DENSE.every]
+    there = velocity[:: DENSE.every, :: DENSE.every]
     in_earlier, in_later = (_look(there, moment, timing, frame, grid) for frame in (0, 1))
     difference = cv2.absdiff(bilinear(earlier, in_earlier), bilinear(later, in_later)).astype(np.float32)
     visible = inside(in_earlier, height, width) & inside(in_later, height, width)
-    difference[~visible] = _UNSEEN
-    side = round(_DENSE_WINDOW * width / _EVERY) | 1
+    difference[~visible] = DENSE.unseen
+    side = round(DENSE.compared * width / DENSE.every) | 1
     return cv2.blur(difference, (side, side))
 
 

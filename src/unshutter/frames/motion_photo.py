@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.errors import UnknownRatioError, UnshutterError
 from unshutter.frames import pyav
 from unshutter.frames.camera import ROWS, Problem, steady
-from unshutter.frames.registration import Frames, Matches, Placement, StillFit, fit_still, matches, placement
+from unshutter.frames.registration import VIDEO, Frames, Matches, Placement, StillFit, fit_still, matches, placement
 from unshutter.frames.self_calibration import fewer, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.finding import Finding
@@ -33,11 +33,7 @@ if TYPE_CHECKING:
 
 
 _IDENTIFIER = "com.apple.quicktime.content.identifier"
-_MOST_FRAMES = 120  # decoded at most
-_ABOUT_S = 1.2  # before and after the photo's time; frames farther away are ignored
-_LONG_S, _MOST_BEFORE = 10.0, 1000  # where a video is not decoded from its start; frames decoded in vain at most
 _KINDS = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's names of the file formats accepted
-_LARGEST_FRAME = 1 << 24  # px
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +55,14 @@ def decode_embedded_video(video: EmbeddedVideo) -> DecodedVideo | None:
     frames = []
     times = []
     with suppress(av_error, OSError, ValueError, EOFError):
-        options = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}
+        options = {"format_whitelist": _KINDS, "max_pixels": str(VIDEO.largest_frame)}
         with pyav.open_to_read(source, options=options) as container:
             if video.identifier and container.metadata.get(_IDENTIFIER) != video.identifier:
                 return None
             for frame in _frames(container, video.moment_s):
                 frames.append(_grey(frame))
                 times.append(frame.time)
-                if len(frames) == _MOST_FRAMES:
+                if len(frames) == VIDEO.most_frames:
                     break
     return DecodedVideo(frames, np.array(times), video.moment_s) if frames else None
 
@@ -79,16 +75,16 @@ def _frames(container: InputContainer, moment_s: float | None) -> Iterator[Video
     video = max(videos, key=lambda each: each.frames)  # some phones store a sharper copy of the photo in a second one
     video.thread_type = "AUTO"
     tick_s = video.time_base or 1
-    if moment_s is not None and moment_s > _LONG_S:
-        if video.duration and moment_s > ((video.start_time or 0) + video.duration) * tick_s + _ABOUT_S:
+    if moment_s is not None and moment_s > VIDEO.long_s:
+        if video.duration and moment_s > ((video.start_time or 0) + video.duration) * tick_s + VIDEO.about_s:
             return
-        container.seek(int((moment_s - _ABOUT_S - 1) / tick_s), stream=video)
+        container.seek(int((moment_s - VIDEO.about_s - 1) / tick_s), stream=video)
     for number, frame in enumerate(container.decode(video)):
-        if number > _MOST_BEFORE + _MOST_FRAMES:
+        if number > VIDEO.most_before + VIDEO.most_frames:
             return
-        if frame.time is None or (moment_s is not None and frame.time < moment_s - _ABOUT_S):
+        if frame.time is None or (moment_s is not None and frame.time < moment_s - VIDEO.about_s):
             continue
-        if moment_s is not None and frame.time > moment_s + _ABOUT_S:
+        if moment_s is not None and frame.time > moment_s + VIDEO.about_s:
             return
         yield frame
 
@@ -102,16 +98,7 @@ def _grey(frame: VideoFrame) -> np.ndarray:
 
 
 NAME = "film"
-_AROUND, _MIN_FRAMES = 30, 6  # frames used on each side of the photo; fewest frames of a usable video
-_MATCHED = 2  # frames on each side that the photo is compared with
 _USUAL_RATIO = ReadoutRatio(0.6, 0.2, ReadoutSource.USUAL)  # typical of phones' videos
-_LEAST_RATIO = 0.12  # frames with a shorter readout were rectified by the phone
-_LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less counts as no motion
-_OFF_PX = 1.5  # px of ROWS rows: largest distance of the photo from the path of an unstabilised video
-_AGAINST_PX, _AGAINST_SHARE = 0.8, 0.1  # tolerated difference between its rate and the path's, and share of it
-_RATIOS = (0.05, 2.0)  # readout times of photos [frame intervals]
-_STEP = 0.05  # frame intervals
-_SYSTEMATIC_PX = 0.08  # px of ROWS rows: lens corrections and other effects that are not motion
 
 
 @dataclass(frozen=True)
@@ -138,7 +125,7 @@ def motion_by_embedded_video(view: View) -> VideoEvidence | None:
 def motion_by(video: DecodedVideo, view: View) -> VideoEvidence:
     """Returns the evidence of a video about a photo's motion."""
     height, width = video.frames[0].shape
-    if len(video.frames) < _MIN_FRAMES or height > width:  # rotated upright: its rows are not those of the sensor
+    if len(video.frames) < VIDEO.min_frames or height > width:  # rotated upright: its rows are not those of the sensor
         return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_TOO_SHORT))
     still = _Still.of(view, video)
     if still is None:
@@ -149,12 +136,12 @@ def motion_by(video: DecodedVideo, view: View) -> VideoEvidence:
         return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_TOO_SHORT))
     focal = still.focal_px * ROWS / height
     ratio = run.ratio(focal)
-    if ratio is None or ratio.value < _LEAST_RATIO:
+    if ratio is None or ratio.value < VIDEO.least_ratio:
         return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_STABILISED))
     frames = run.frames(focal, ratio)
     near = still.near - run.first
     fit = still.fit(frames, run, near)
-    if fit is not None and abs((at := _nearest(frames, fit)[0]) - near) > _MATCHED:  # taken at another time
+    if fit is not None and abs((at := _nearest(frames, fit)[0]) - near) > VIDEO.matched:  # taken at another time
         near = int(np.clip(round(at), 0, len(run.greys) - 1))
         fit = still.fit(frames, run, near) or fit
     if fit is None:
@@ -203,7 +190,7 @@ class _Still:
         guess = np.zeros(3)
         unit = frames.height / ROWS
         focal = frames.fit.focal_px
-        beside = [k for k in range(near - _MATCHED, near + _MATCHED + 1) if 0 <= k < len(run.greys)]
+        beside = [k for k in range(near - VIDEO.matched, near + VIDEO.matched + 1) if 0 <= k < len(run.greys)]
         path = frames.path(frames.times + frames.ratio / 2)
         for k in sorted(beside, key=lambda k: abs(k - near)):
             moved = path[k] - path[near]
@@ -233,15 +220,15 @@ class _Run:
     @classmethod
     def around(cls, video: DecodedVideo, near: int) -> _Run | None:
         """Returns the connected frames around ``near``, or None if there are too few."""
-        first = max(near - _AROUND, 0)
-        last = min(near + _AROUND, len(video.frames) - 1)
+        first = max(near - VIDEO.around, 0)
+        last = min(near + VIDEO.around, len(video.frames) - 1)
         links = {k: background(follow(video.frames[k], video.frames[k + 1])) for k in range(first, last)}
         while near > first and all(links[k].joined for k in range(first, near)) is False:
             first += 1
         while last > near and all(links[k].joined for k in range(near, last)) is False:
             last -= 1
         times = video.times_s[first : last + 1]
-        if len(times) < _MIN_FRAMES or np.diff(times).min() <= 0:
+        if len(times) < VIDEO.min_frames or np.diff(times).min() <= 0:
             return None
         starts = (times - times[0]) / np.median(np.diff(times))
         pairs = [links[k].tracks for k in range(first, last)]
@@ -269,17 +256,22 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> V
     """Returns the motion of the photo, or why it is rejected, for instance because the video was stabilised."""
     at, off_px = _nearest(frames, fit)
     shape = _shape(frames)
-    rate = ((frames.path(np.array([at + _STEP])) - frames.path(np.array([at - _STEP])))[0] / (2 * _STEP)) * shape
+    rate = (
+        (frames.path(np.array([at + VIDEO.step])) - frames.path(np.array([at - VIDEO.step])))[0] / (2 * VIDEO.step)
+    ) * shape
     rotated = fit.coefficients[1] * shape
-    readout_ratio = np.clip(rate @ rotated / max(rate @ rate, 1e-9), *_RATIOS)
+    readout_ratio = np.clip(rate @ rotated / max(rate @ rate, 1e-9), *VIDEO.ratios)
     against = float(np.linalg.norm(rotated - readout_ratio * rate))
-    if np.hypot(off_px / _OFF_PX, against / (_AGAINST_PX + _AGAINST_SHARE * np.linalg.norm(rotated))) > 1:
+    if (
+        np.hypot(off_px / VIDEO.off_px, against / (VIDEO.against_px + VIDEO.against_share * np.linalg.norm(rotated)))
+        > 1
+    ):
         return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_STABILISED))
     rows = (np.arange(view.height) + 0.5) / view.height
     rotations = fit.rotation(rows)
     rotations = rotations - rotations[0]
     size = float(np.linalg.norm(rotations * shape, axis=1).mean())
-    if size < _LEAST_PX:
+    if size < VIDEO.least_px:
         return VideoEvidence(
             replace(view.no_motion(NAME, Reason(Code.EMBEDDED_VIDEO_STOOD_STILL)), source=MotionSource.EMBEDDED_VIDEO)
         )
@@ -287,7 +279,7 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> V
     if found.motion.is_zero:  # the fitted motion would fold the picture
         return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
-    error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
+    error = np.hypot(np.linalg.norm(errors) / 2, VIDEO.systematic_px)
     better = probability_better(size, float(error))
     known = {"source": MotionSource.EMBEDDED_VIDEO, "confidence": better, "expected_error": float(error) / ROWS}
     return VideoEvidence(replace(found, **known))
@@ -295,7 +287,7 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> V
 
 def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:
     """Returns the time [frame intervals] at which the path is closest to the photo, and the distance [px of ROWS]."""
-    times = np.arange(frames.times[0], frames.times[-1] + 1, _STEP)
+    times = np.arange(frames.times[0], frames.times[-1] + 1, VIDEO.step)
     off = np.linalg.norm((frames.path(times) - fit.coefficients[0]) * _shape(frames), axis=1)
     return float(times[off.argmin()]), float(off.min())
 

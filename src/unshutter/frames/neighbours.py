@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.flow import Field, Flow, bilinear, field_between, flow_between, joined
+from unshutter.frames.flow import DENSE, Field, Flow, bilinear, field_between, flow_between, joined
 from unshutter.frames.frame_motion import Timing
 from unshutter.motion.grid import SamplingGrid, Tile
 from unshutter.motion.warp import sampled_pixels, seen_mask, thread_count
@@ -30,11 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from unshutter.motion.shapes import Bool, Float32, UInt, UInt8
-
-
-_AGREEING = 60.0  # grey levels of 8 bits at which a frame's weight falls to 1 / e
-_NEAREST = 0.02  # frame intervals: weights do not increase further below this
-_FALL = 0.7  # exponent of the distance in time
 
 
 @dataclass(frozen=True)
@@ -106,13 +101,13 @@ def _visibility_and_weight(
     column, row = warped.grid.positions(tile)
     visible = warped.grid.inside(column, row)
     away = cv2.absdiff(row * np.float32(timing.per_row), np.full_like(row, moment - timing.start(warped.frame)))
-    return visible, cv2.pow(np.maximum(away, np.float32(_NEAREST)), -_FALL) * visible
+    return visible, cv2.pow(np.maximum(away, np.float32(DENSE.nearest)), -DENSE.fall) * visible
 
 
 def _agreement(first: np.ndarray, second: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
     """Returns 1 where two pictures are alike and 0 where they differ, with a smooth transition."""
     difference = reduce(cv2.max, cv2.split(cv2.absdiff(first, second))).astype(np.float32)  # largest of the bands
-    scale = 255 / np.iinfo(first.dtype).max / _AGREEING
+    scale = 255 / np.iinfo(first.dtype).max / DENSE.agreeing
     return cv2.exp(-((cv2.blur(difference, (3, 3)) * scale) ** 2))
 
 
@@ -122,14 +117,6 @@ def _mixed(first: np.ndarray, second: np.ndarray, weight: np.ndarray, share: np.
         return cv2.blendLinear(first, second, weight, share).reshape(first.shape)
     mixed = cv2.blendLinear(first.astype(np.float32), second.astype(np.float32), weight, share)
     return np.rint(mixed).astype(first.dtype).reshape(first.shape)
-
-
-_MOST_ROWS, _LEAST_SHRINK = 480, 2  # short side of the small copies [px]; how much smaller than the frame
-_LEAST_CONSISTENT = 0.35  # least consistency of the flow; below it, the frames show different scenes
-_LEAST_GAIN = 0.06  # least share of the difference between the frames that their motion must explain
-_NOISE_GAIN = 0.25  # least share if the motion may have been fitted to noise, which it was not if
-_PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # it is at least this consistent and this large [px, mean]
-_UNMOVED = 0.1  # px; if nine tenths of a picture move by less, it is left unchanged
 
 
 @dataclass(frozen=True)
@@ -164,7 +151,7 @@ class Rendering:
 
 def copy_side(height: int, width: int) -> int:
     """Returns the short side [px] of the small grey copies for frames of a given size."""
-    return max(min(min(height, width) // _LEAST_SHRINK, _MOST_ROWS), 1)
+    return max(min(min(height, width) // DENSE.least_shrink, DENSE.most_rows), 1)
 
 
 def link(
@@ -177,7 +164,7 @@ def link(
     if earlier.shape != later.shape:
         later = cv2.resize(later, earlier.shape[::-1], interpolation=cv2.INTER_AREA)
     flow = flow_between(earlier, later, halvings)
-    if flow.consistent < _LEAST_CONSISTENT:
+    if flow.consistent < DENSE.least_consistent:
         raise UnshutterError(
             f"the frames have too little in common ({100 * flow.consistent:.0f} % of the picture is found in both): "
             "use neighbours from the same shot"
@@ -253,11 +240,11 @@ def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
 
 def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> Reason | None:
     """Returns why the frame should be left unchanged, or None if it should not."""
-    if np.percentile(moved, 90) < _UNMOVED and moved.max() < 1:
+    if np.percentile(moved, 90) < DENSE.unmoved and moved.max() < 1:
         return Reason(Code.NOTHING_MOVED)
     gain = 1 - field.cost.mean() / max(field.still_cost.mean(), 1e-6)
-    plain = consistent > _PLAIN_CONSISTENT and moved.mean() > _PLAIN_MOVE
-    if gain < (_LEAST_GAIN if plain else _NOISE_GAIN):
+    plain = consistent > DENSE.plain_consistent and moved.mean() > DENSE.plain_move
+    if gain < (DENSE.least_gain if plain else DENSE.noise_gain):
         return Reason(Code.FRAMES_DISAGREE)
     return None
 

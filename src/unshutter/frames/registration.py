@@ -26,16 +26,55 @@ import numpy as np
 from unshutter.frames.camera import ROWS, Fit, rotation_jacobian
 from unshutter.frames.flow import NO_ARRAY
 from unshutter.frames.tracks import follow
-from unshutter.motion.robust import student_weights
+from unshutter.motion.robust import CORRELATED, student_weights
 from unshutter.motion.shapes import Float64, UInt8
 
-_FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes with little texture
-_RATIO = 0.75  # Lowe's ratio test: distance of the best match over that of the second best
-_NEAR, _MIN_FEATURES = 4.0, 25  # px of tolerance, and fewest features within it
-_LEAST_SHARE = 0.3  # least share of matches that agree
-_SCALES = (0.25, 4.0)  # of the photo's copy in the video
-_SKEW = 6.0  # degrees off a quarter turn; no video is rotated further against its photo
-_MATCHES = 40  # fewest matches in a usable frame
+_TURNS = 9  # unknowns of q0, q1, q2; followed by those of scale, slant and lens
+
+
+@dataclass(frozen=True)
+class VideoParams:
+    """How a photo's video is used, measured by ``python lab/benchmarks/motion_photos.py`` (docs/research/frames.md).
+
+    Lengths in px are those of a picture with ``ROWS`` rows, unless others are named; times are in frame intervals.
+    """
+
+    # ---- the photo within the video
+    features: int = 1200  # of each picture
+    contrast: float = 0.015  # of features; below SIFT's usual 0.04, for scenes with little texture
+    best_match: float = 0.75  # Lowe's ratio test: distance of the best match over that of the second best
+    near_px: float = 4.0  # px of the video that features may be off,
+    min_features: int = 25  # the fewest that are not,
+    least_agreeing: float = 0.3  # and their least share
+    scales: tuple[float, float] = (0.25, 4.0)  # of the photo's copy in the video
+    skew_deg: float = 6.0  # off a quarter turn; no video is rotated further against its photo
+    min_matches: int = 40  # in a usable frame
+    rounds: int = 6
+    finest_px: float = 0.05  # lower limit of the matches' noise
+    curvature_px: float = 0.25  # prior standard deviation of q2
+
+    # ---- the video
+    most_frames: int = 120  # decoded at most
+    about_s: float = 1.2  # before and after the photo's time; frames farther away are ignored
+    long_s: float = 10.0  # where a video is not decoded from its start
+    most_before: int = 1000  # frames decoded in vain at most
+    largest_frame: int = 1 << 24  # px of the frame
+    around: int = 30  # frames used on each side of the photo
+    min_frames: int = 6  # of a usable video
+    matched: int = 2  # frames on each side that the photo is compared with
+
+    # ---- whether it is the photo's motion
+    least_ratio: float = 0.12  # frames with a shorter readout were rectified by the phone
+    least_px: float = 0.25  # mean over the photo: less counts as no motion
+    off_px: float = 1.5  # largest distance of the photo from the path of an unstabilised video
+    against_px: float = 0.8  # tolerated difference between its rate and the path's,
+    against_share: float = 0.1  # and share of it
+    ratios: tuple[float, float] = (0.05, 2.0)  # readout times of photos
+    step: float = 0.05
+    systematic_px: float = 0.08  # lens corrections and other effects that are not motion
+
+
+VIDEO = VideoParams()
 
 
 @dataclass(frozen=True)
@@ -60,25 +99,25 @@ class Matches:
 
 def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]) -> Placement | None:
     """Locates a photo in a frame by SIFT features; returns None if they do not show the same scene."""
-    sift = cv2.SIFT.create(_FEATURES, contrastThreshold=_CONTRAST)
+    sift = cv2.SIFT.create(VIDEO.features, contrastThreshold=VIDEO.contrast)
     in_photo, of_photo = sift.detectAndCompute(photo, NO_ARRAY)
     in_frame, of_frame = sift.detectAndCompute(frame, NO_ARRAY)
-    if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < _MIN_FEATURES:
+    if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < VIDEO.min_features:
         return None
     pairs = cv2.BFMatcher().knnMatch(of_photo, of_frame, k=2)
-    clear = [best for best, second in pairs if best.distance < _RATIO * second.distance]
-    if len(clear) < _MIN_FEATURES:
+    clear = [best for best, second in pairs if best.distance < VIDEO.best_match * second.distance]
+    if len(clear) < VIDEO.min_features:
         return None
     start = np.array([in_photo[each.queryIdx].pt for each in clear])
     end = np.array([in_frame[each.trainIdx].pt for each in clear])
     cv2.setRNGSeed(0)
-    similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=_NEAR)
-    if similarity is None or agreeing.sum() < max(_MIN_FEATURES, _LEAST_SHARE * len(clear)):
+    similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=VIDEO.near_px)
+    if similarity is None or agreeing.sum() < max(VIDEO.min_features, VIDEO.least_agreeing * len(clear)):
         return None
     scale = float(np.hypot(similarity[0, 0], similarity[1, 0]))
     rotated = float(np.degrees(np.arctan2(-similarity[1, 0], similarity[0, 0])))  # counter-clockwise: rows run down
     quarters = round(rotated / 90)
-    if abs(rotated - 90 * quarters) > _SKEW or not _SCALES[0] <= scale <= _SCALES[1]:
+    if abs(rotated - 90 * quarters) > VIDEO.skew_deg or not VIDEO.scales[0] <= scale <= VIDEO.scales[1]:
         return None
     return Placement(quarters % 4, scale)
 
@@ -108,7 +147,7 @@ def matches(
     tracks = follow(_like(placed, frame, seen), frame)
     at = np.clip(np.rint(tracks.start).astype(int), 0, [width - 1, height - 1])
     inside = cv2.erode(seen.astype(np.uint8), np.ones((15, 15), np.uint8), borderValue=(0,))[at[:, 1], at[:, 0]] > 0
-    if inside.sum() < _MATCHES:
+    if inside.sum() < VIDEO.min_matches:
         return None
     start = (tracks.start[inside] - middle - guess[:2]) @ rotation  # undoes the rotation
     return Matches(start, tracks.end[inside] - middle)
@@ -122,13 +161,6 @@ def _like(picture: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarra
     ranks = np.cumsum(np.bincount(picture[seen], minlength=256)) / seen.sum()
     others = np.cumsum(np.bincount(other[seen], minlength=256)) / seen.sum()
     return np.interp(ranks, others, levels)[picture].astype(np.uint8)
-
-
-_ROUNDS = 6
-_FINEST = 0.05  # px of ROWS rows; lower limit of the matches' noise
-_CURVATURE = 0.25  # px of ROWS rows: prior standard deviation of q2
-_COMMON = 4.0  # errors of matches are correlated
-_TURNS = 9  # unknowns of q0, q1, q2; followed by those of scale, slant and lens
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,19 +206,19 @@ def fit_still(frames: Frames, found: Mapping[int, Matches], height: float) -> St
     A = np.concatenate(design)
     b = np.concatenate(moved)
     prior = np.zeros(A.shape[-1])
-    prior[6:9] = _CURVATURE**-2.0
+    prior[6:9] = VIDEO.curvature_px**-2.0
     every = np.ones(len(b), bool)
     weights = np.ones(len(b))
     noise = np.nan
     unknowns = np.zeros(A.shape[-1])
     covariance = np.eye(A.shape[-1])
-    for _ in range(_ROUNDS):
+    for _ in range(VIDEO.rounds):
         normal = np.einsum("n,nik,nil->kl", weights, A, A) + np.diag(prior) * (noise**2 if np.isfinite(noise) else 1e-3)
         unknowns = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, A, b))
         squared = ((b - A @ unknowns) ** 2).sum(axis=1)
-        weights, noise = student_weights(squared, every, noise, _FINEST, rounds=1)
+        weights, noise = student_weights(squared, every, noise, VIDEO.finest_px, rounds=1)
         weights *= noise**2
-        covariance = np.linalg.inv(normal) * noise**2 * _COMMON
+        covariance = np.linalg.inv(normal) * noise**2 * CORRELATED
     error = np.sqrt(np.diag(covariance)[:_TURNS]).reshape(3, 3)
     return StillFit(unknowns[:_TURNS].reshape(3, 3), error)
 

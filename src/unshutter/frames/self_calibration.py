@@ -27,34 +27,51 @@ from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
 from unshutter.frames.parallax import DEPTH
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
+from unshutter.motion.robust import CORRELATED
 from unshutter.motion.shapes import Float64, UInt8
 from unshutter.options import USUAL_FOCAL
 from unshutter.progress import Count, uncounted
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Code, Reason
 
-_PART = 30  # pairs of frames per part
-_MOST_TRACKS = 100  # per pair: more only take longer
-_COARSE = np.arange(1, 11) / 10
-_FINE = (0.05, 0.02)  # successive step sizes around the maximum
-_LARGEST = 1.03  # no readout takes longer than a frame; larger estimates are artefacts
-_COMMON = 4.0  # errors of tracks are correlated: n of them count as n / _COMMON
-_FLOOR = 0.01  # least error, even if all parts agree: the spline only approximates a hand's motion
-_TOO_UNSURE = 0.08
-_FAR, _FALL = 3.0, 2.0  # errors, and evidence: ratios that are farther away than so many must be less likely by so much
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
-_COPIES = 2  # copies of a frame, at most
-_COPY_PX = 0.005  # px: the tracks of a copy move by less
-# cycles per frame: faster oscillations are hidden between the frames, unless parts of the sequence agree
-_FASTEST = 0.4
-_AGREE = 0.05  # standard deviation of the ratios of parts that agree
-_EVEN_PX = 0.1  # px of ROWS rows per frame: a speed that varies by less is even
-_FEW = 10  # fewer pairs of frames rarely reveal the ratio, and never why not
-_FOCAL_SPREAD = 0.4  # prior: standard deviation of the focal length's logarithm
+_COARSE = np.arange(1, 11) / 10
 _TRIED_FOCALS = USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest act like translations
-_FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
-_FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
+
+
+@dataclass(frozen=True)
+class CalibrationParams:
+    """How readout ratio, focal length and shots are told from frames (docs/research/frames.md)."""
+
+    part: int = 30  # pairs of frames per part
+    most_tracks: int = 100  # per pair: more only take longer
+    fine: tuple[float, ...] = (0.05, 0.02)  # successive step sizes around the maximum
+    largest: float = 1.03  # no readout takes longer than a frame; larger estimates are artefacts
+    floor: float = 0.01  # least error, even if all parts agree: the spline only approximates a hand's motion
+    too_unsure: float = 0.08
+    far: float = 3.0  # errors: ratios that are farther away than so many
+    fall: float = 2.0  # must be less likely by so much evidence
+    fastest: float = 0.4  # cycles per frame: faster oscillations are hidden, unless parts of the sequence agree
+    agree: float = 0.05  # standard deviation of the ratios of parts that agree
+    even_px: float = 0.1  # px of ROWS rows per frame: a speed that varies by less is even
+    few: int = 10  # fewer pairs of frames rarely reveal the ratio, and never why not
+
+    # ---- the focal length
+    focal_spread: float = 0.4  # prior: standard deviation of its logarithm
+    focal_steps: tuple[float, ...] = (0.12, 0.04)  # successive step sizes of its logarithm
+    focal_common: float = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
+
+    # ---- shots
+    copies: int = 2  # of a frame, at most
+    copy_px: float = 0.005  # the tracks of a copy move by less
+    least_corners: int = 24  # fewest corners of a usable picture
+    clear: float = 0.7  # share of a pair's tracks that make it a clear one
+    clear_before: int = 8  # clear pairs in a row, after which one that is not may be bridged
+    chance: int = 2  # pairs of frames in which apparent motion may be a mistake
+
+
+_FRAMES = CalibrationParams()
 
 
 def ratio_from_motion(
@@ -81,35 +98,35 @@ def ratio_from_motion(
         at_rest = not pairs or max(drift(pair) for pair in pairs) < REST_PX
         raise UnknownRatioError.because(Reason(Code.STOOD_STILL if at_rest else Code.HARDLY_MOVED))
     parts = []
-    for k in range(0, max(len(pairs) - _PART // 2, 1), _PART):
-        part = pairs[k : k + _PART]
-        since = np.array(times[k : k + _PART + 1]) - np.floor(times[k])
+    for k in range(0, max(len(pairs) - _FRAMES.part // 2, 1), _FRAMES.part):
+        part = pairs[k : k + _FRAMES.part]
+        since = np.array(times[k : k + _FRAMES.part + 1]) - np.floor(times[k])
         parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH if is_checked else None, count))
     profiles = [_Profile(part) for part in parts]
     coarse = _curves(profiles, _COARSE)
     best = float(_COARSE[coarse.sum(axis=0).argmax()])
-    for step in _FINE:
-        at = np.clip(best, step, _LARGEST) + step * np.array([-1.0, 0.0, 1.0])
+    for step in _FRAMES.fine:
+        at = np.clip(best, step, _FRAMES.largest) + step * np.array([-1.0, 0.0, 1.0])
         curves = _curves(profiles, at)
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
-    agree = len(parts) > 1 and np.std([_vertex(_COARSE, curve) for curve in coarse]) < _AGREE
-    if not (is_checked and agree) and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
+    agree = len(parts) > 1 and np.std([_vertex(_COARSE, curve) for curve in coarse]) < _FRAMES.agree
+    if not (is_checked and agree) and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FRAMES.fastest:
         raise UnknownRatioError.because(_cause(pairs, Code.SHOOK_TOO_FAST))
     upwards = [_Profile(replace(part, pairs=[pair.rotated() for pair in part.pairs])) for part in parts]
     height = curves.sum(axis=0).max()
     if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > height:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
-    error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
-    rivals = coarse.sum(axis=0)[np.abs(_COARSE - best) > _FAR * error] > height - _FALL
-    if error > _TOO_UNSURE or best > _LARGEST or rivals.any():
+    error = float(np.hypot(width * _disagreement(at, curves, best), _FRAMES.floor))
+    rivals = coarse.sum(axis=0)[np.abs(_COARSE - best) > _FRAMES.far * error] > height - _FRAMES.fall
+    if error > _FRAMES.too_unsure or best > _FRAMES.largest or rivals.any():
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, ReadoutSource.FRAMES)
 
 
 def _cause(pairs: Sequence[Tracks], code: Code) -> Reason:
     """Returns why the frames do not reveal the ratio; with few frames, only that there are too few."""
-    return Reason(code) if len(pairs) >= _FEW else Reason.of(Code.TOO_FEW_FRAMES, frames=len(pairs) + 1)
+    return Reason(code) if len(pairs) >= _FRAMES.few else Reason.of(Code.TOO_FEW_FRAMES, frames=len(pairs) + 1)
 
 
 class _Profile:
@@ -120,7 +137,7 @@ class _Profile:
         self._fits: dict[float, Fit] = {}
 
     def at(self, ratio: float) -> float:
-        return self.fit_at(ratio).log_evidence / _COMMON
+        return self.fit_at(ratio).log_evidence / CORRELATED
 
     def fit_at(self, ratio: float) -> Fit:
         if ratio not in self._fits:
@@ -158,7 +175,7 @@ def _cycles(fit: Fit) -> float:
     speed = np.diff(fit.coefficients[:, :3], axis=0) * PER_FRAME  # [knots - 1, 3], px per frame
     varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
     change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * PER_FRAME
-    return float(change / varying / (2 * np.pi)) if varying > _EVEN_PX else 0.0
+    return float(change / varying / (2 * np.pi)) if varying > _FRAMES.even_px else 0.0
 
 
 def flow(pair: Tracks) -> float:
@@ -174,9 +191,9 @@ def is_copy(pair: Tracks, before: Tracks | None, copies: int) -> bool:
         before: tracks to that one; None: there are none. A camera at rest takes frames that only look like copies.
         copies: number of copies since then.
     """
-    if before is None or not len(before) or not len(pair) or copies >= _COPIES or flow(before) < STILL_PX:
+    if before is None or not len(before) or not len(pair) or copies >= _FRAMES.copies or flow(before) < STILL_PX:
         return False
-    return float(np.median(np.hypot(*(pair.end - pair.start).T))) < _COPY_PX
+    return float(np.median(np.hypot(*(pair.end - pair.start).T))) < _FRAMES.copy_px
 
 
 def drift(pair: Tracks) -> float:
@@ -184,7 +201,7 @@ def drift(pair: Tracks) -> float:
     return float(np.hypot(*np.median(pair.end - pair.start, axis=0))) * ROWS / pair.height
 
 
-def fewer(pair: Tracks, most: int = _MOST_TRACKS) -> Tracks:
+def fewer(pair: Tracks, most: int = _FRAMES.most_tracks) -> Tracks:
     """Returns an even selection of a pair's tracks, with strong and weak corners; more would only take longer."""
     if len(pair) <= most:
         return pair
@@ -212,13 +229,13 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = unco
 
     def height(share: float) -> float:
         fit = Problem(pairs, float(share * unit), count=count).fit(ratio, near.stiffness, near)
-        return fit.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
+        return fit.log_evidence / _FRAMES.focal_common - 0.5 * (np.log(share / USUAL_FOCAL) / _FRAMES.focal_spread) ** 2
 
     best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
     near = Problem(pairs, float(np.exp(best) * unit), count=count).fit(
         ratio, near=near
     )  # the best stiffness may differ there
-    for step in _FOCAL_STEPS:
+    for step in _FRAMES.focal_steps:
         at = best + step * np.array([-1.0, 0.0, 1.0])
         best = _vertex(at, np.array([height(share) for share in np.exp(at)]))
     return float(np.exp(best) * unit)
@@ -232,13 +249,6 @@ def _vertex(at: np.ndarray, heights: np.ndarray) -> float:
     if bend >= 0:
         return float(at[heights.argmax()])
     return float(np.clip(at[k] + (before - after) / (2 * bend) * (at[1] - at[0]), at[k - 1], at[k + 1]))
-
-
-_LEAST_CORNERS = 24  # fewest corners of a usable picture
-# share of a pair's tracks that make it a clear one; clear pairs in a row, after which one that is not may be bridged
-_MOST = 0.7
-_CLEAR_BEFORE = 8
-_CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 
 
 @dataclass(eq=False)
@@ -298,7 +308,7 @@ class Shot:
     @property
     def passed(self) -> bool:
         """Whether something moved in front of the camera."""
-        return sum(self._passing) > _CHANCE
+        return sum(self._passing) > _FRAMES.chance
 
     def repeats(self, frame: GreyFrame, lens: Lens | None = None) -> bool:
         """Whether a frame, taken through this lens, is a copy of the previous one; then it is counted with that."""
@@ -327,12 +337,12 @@ class Shot:
         self._next = background(tracks, ratio.value if ratio else None, before)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:
-            few = tracks.looked_for < _LEAST_CORNERS
+            few = tracks.looked_for < _FRAMES.least_corners
             near_and_far = Code.SCENES_DIFFER if self._next.cut else Code.NO_COMMON_MOTION
             self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else near_and_far)
-            if self._clear >= _CLEAR_BEFORE and not self._next.cut:  # the path is bridged
+            if self._clear >= _FRAMES.clear_before and not self._next.cut:  # the path is bridged
                 self._next = Background(tracks.only(np.zeros(len(tracks), bool)), joined=True)
-        self._clear = self._clear + 1 if len(self._next.tracks) > _MOST * len(tracks) else 0
+        self._clear = self._clear + 1 if len(self._next.tracks) > _FRAMES.clear * len(tracks) else 0
         return self._next.joined
 
     def next_shot(self) -> Shot:

@@ -11,32 +11,44 @@ from unshutter.motion.lens import Lens
 from unshutter.motion.shapes import Bool, Float32, Float64, UInt8
 
 TRACKED_SIDE = 360  # px, short side of the copies in which corners are tracked
-_MOST_CORNERS = 200
-_QUALITY = 0.005  # of a corner, as a share of the best one's
-_APART = 1 / 45  # distance of corners, as a share of the diagonal
-_WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
-_LEAST_RESPONSE = 0.05  # of the phase correlation; below it, the shift is unknown
-_RETURNS = 0.3  # px; largest forward-backward error
-_ALIKE = 0.5  # mean correlation of windows: above it, two frames show one scene (noise alone: at most 0.3)
-_BY_CHANCE = 5.0  # standard errors by which tracks must be more, or their windows more alike, than by chance
-_FEW_UNRELATED = 3  # fewer corners found in an unrelated picture: none are found by chance
-_COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is measured
 MIN_TRACKS = 12  # tracks; fewer are inconclusive
-_LEAST_OF_SCENE = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
-# least shares of corners tracked, and of tracks that agree; below either, the shot ends
-_LEAST_TRACKED = 0.15
-_LEAST_AGREEING = 0.35
-_NEAR_PLANE = 0.004  # of the diagonal: largest distance of a background track from the picture's homography
-_SHARP = 0.4  # least share of those tracks within a third of that distance; 0.1 to 0.35 are by chance
-_SPREAD = 4.0  # times the median distance from the homography: tracks farther away are discarded
-_LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): distance always tolerated
-_RIVAL = 0.6  # a second plane with so many tracks, as a share of the first one's, may be the background instead
-_SAME_PLACE = 0.002  # of the diagonal: corners of a frame that are as close as this are the same one
-_STILL = 0.0003  # of the diagonal: smaller displacements count as still
-_PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: larger displacements pass by; of the tracks: fewer may be mistakes
-_CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
-_FORWARD = 0.1  # of a unit vector: directions farther from the axis have no place in a straightened picture
 GUESSED_RATIO = 0.5  # readout ratio where any will do
+
+
+@dataclass(frozen=True)
+class TrackParams:
+    """How corners are tracked, and which of them are the background's (docs/research/frames.md)."""
+
+    most_corners: int = 200
+    quality: float = 0.005  # of a corner, as a share of the best one's
+    apart: float = 1 / 45  # distance of corners, as a share of the diagonal
+    window: int = 21  # px, side of the windows that are compared
+    levels: int = 4  # of the pyramid of Lucas-Kanade
+    returns_px: float = 0.3  # largest forward-backward error
+    alike: float = 0.5  # mean correlation of windows: above it, two frames show one scene (noise alone: at most 0.3)
+    by_chance: float = 5.0  # standard errors by which tracks must be more, or their windows more alike, than by chance
+    few_unrelated: int = 3  # fewer corners found in an unrelated picture: none are found by chance
+    coarse_side: int = 128  # px, long side of the copies in which the shift of the whole picture is measured
+    least_response: float = 0.05  # of the phase correlation; below it, that shift is unknown
+
+    # ---- the background; lengths as shares of the diagonal
+    least_of_scene: float = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
+    least_tracked: float = 0.15  # share of corners tracked: below it, the shot ends,
+    least_agreeing: float = 0.35  # and below this share of tracks that agree
+    near_plane: float = 0.004  # largest distance of a background track from the picture's homography
+    sharp: float = 0.4  # least share of those tracks within a third of that distance; 0.1 to 0.35 are by chance
+    spread: float = 4.0  # times the median distance from the homography: tracks farther away are discarded
+    least: float = 0.0005  # distance always tolerated (0.4 px of 640 x 360)
+    rival: float = 0.6  # a second plane with so many tracks, as a share of the first one's, may be the background
+    same_place: float = 0.002  # corners of a frame that are as close as this are the same one
+    still: float = 0.0003  # smaller displacements count as still
+    passes: float = 0.003  # larger displacements pass by
+    few_pass: float = 0.05  # share of the tracks: fewer may be mistakes
+    cells: tuple[int, int] = (6, 8)  # rows and columns of the cells in which tracks are counted
+    forward: float = 0.1  # of a unit vector: directions farther from the axis have no place in a straightened picture
+
+
+_TRACKS = TrackParams()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +88,8 @@ def follow(
     Frames may be shifted by a third of their width: phase correlation of small copies gives the starting point.
     """
     height, width = earlier.shape
-    apart = max(3.0, _APART * np.hypot(height, width))
-    corners = cv2.goodFeaturesToTrack(earlier, _MOST_CORNERS, _QUALITY, apart)
+    apart = max(3.0, _TRACKS.apart * np.hypot(height, width))
+    corners = cv2.goodFeaturesToTrack(earlier, _TRACKS.most_corners, _TRACKS.quality, apart)
     if corners is None:
         return Tracks(np.zeros((0, 2)), np.zeros((0, 2)), height, width, 0, lens)
     tracks = _found(earlier, later, corners, lens)
@@ -87,15 +99,15 @@ def follow(
 def _found(earlier: np.ndarray, later: np.ndarray, corners: np.ndarray, lens: Lens | None = None) -> Tracks:
     """Returns the tracks of those corners [N, 1, 2] that are found again."""
     height, width = earlier.shape
-    scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
+    scale = max(1.0, max(earlier.shape) / _TRACKS.coarse_side)
     size = tuple(max(round(side / scale), 2) for side in earlier.shape[::-1])
     small = [cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in (earlier, later)]
     shift, response = picture_shift(*small)
-    shift = shift * (width, height) / size if response > _LEAST_RESPONSE else np.zeros(2)
-    there, seen = lucas_kanade(earlier, later, corners, corners + shift.astype(np.float32), _WINDOW)
-    back, seen_back = lucas_kanade(later, earlier, there, corners, _WINDOW)
+    shift = shift * (width, height) / size if response > _TRACKS.least_response else np.zeros(2)
+    there, seen = lucas_kanade(earlier, later, corners, corners + shift.astype(np.float32), _TRACKS.window)
+    back, seen_back = lucas_kanade(later, earlier, there, corners, _TRACKS.window)
     start, end = (each[:, 0].astype(np.float64) for each in (corners, there))
-    good = seen & seen_back & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
+    good = seen & seen_back & (np.hypot(*(back - corners)[:, 0].T) < _TRACKS.returns_px)
     good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
     return Tracks(start[good], end[good], height, width, len(corners), lens)
 
@@ -122,7 +134,7 @@ def lucas_kanade(
         guess: positions from which the search starts.
         window: side of the windows that are compared [px].
     """
-    settings = {"winSize": (window, window), "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    settings = {"winSize": (window, window), "maxLevel": _TRACKS.levels, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
     found, status, _ = cv2.calcOpticalFlowPyrLK(first, second, points, guess.copy(), **settings)
     return found, status[:, 0] > 0
 
@@ -137,16 +149,16 @@ def _shows_one_scene(tracks: Tracks, earlier: np.ndarray, later: np.ndarray, cor
     if not len(tracks):
         return True
     alike = _correlations(tracks, earlier, later)
-    if alike.mean() > _ALIKE:
+    if alike.mean() > _TRACKS.alike:
         return True
     rotated = np.ascontiguousarray(later[::-1, ::-1])
     unrelated = _found(earlier, rotated, corners)
     more = len(tracks) - len(unrelated)
-    if len(unrelated) < _FEW_UNRELATED or more > _BY_CHANCE * np.sqrt(len(tracks) + len(unrelated)):
+    if len(unrelated) < _TRACKS.few_unrelated or more > _TRACKS.by_chance * np.sqrt(len(tracks) + len(unrelated)):
         return True
     by_chance = _correlations(unrelated, earlier, rotated)
     error = by_chance.std(ddof=1) * np.sqrt(1 / len(alike) + 1 / len(by_chance))
-    return alike.mean() > by_chance.mean() + _BY_CHANCE * error
+    return alike.mean() > by_chance.mean() + _TRACKS.by_chance * error
 
 
 def _correlations(tracks: Tracks, earlier: np.ndarray, later: np.ndarray) -> Float64[np.ndarray, "tracks"]:
@@ -158,9 +170,9 @@ def _correlations(tracks: Tracks, earlier: np.ndarray, later: np.ndarray) -> Flo
 
 def _windows(picture: np.ndarray, points: np.ndarray) -> Float64[np.ndarray, "points window"]:
     """Returns the pixels of the windows around points (col, row), less the mean of each window."""
-    aside = np.arange(_WINDOW) - _WINDOW // 2
-    column = np.repeat(points[:, 0, None] + aside, _WINDOW, axis=0).astype(np.float32)
-    row = np.repeat((points[:, 1, None] + aside).reshape(-1, 1), _WINDOW, axis=1).astype(np.float32)
+    aside = np.arange(_TRACKS.window) - _TRACKS.window // 2
+    column = np.repeat(points[:, 0, None] + aside, _TRACKS.window, axis=0).astype(np.float32)
+    row = np.repeat((points[:, 1, None] + aside).reshape(-1, 1), _TRACKS.window, axis=1).astype(np.float32)
     seen = cv2.remap(picture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     seen = seen.reshape(len(points), -1).astype(np.float64)
     return seen - seen.mean(axis=1, keepdims=True)
@@ -191,25 +203,25 @@ def background(tracks: Tracks, readout_ratio: float | None = None, before: Backg
         before: background of the two frames before, whose second one is the first one here. Of two planes that are
             about as large, the one that was the background before still is.
     """
-    if len(tracks) < max(MIN_TRACKS, _LEAST_TRACKED * tracks.looked_for):
-        cut = len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
+    if len(tracks) < max(MIN_TRACKS, _TRACKS.least_tracked * tracks.looked_for):
+        cut = len(tracks) < _TRACKS.least_of_scene * tracks.looked_for
         return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False, cut=cut)
     diagonal = float(np.hypot(tracks.height, tracks.width))
     moved = tracks.end - tracks.start
-    still = np.hypot(*moved.T) < _STILL * diagonal
+    still = np.hypot(*moved.T) < _TRACKS.still * diagonal
     plane = _largest_plane(tracks, GUESSED_RATIO if readout_ratio is None else readout_ratio, before)
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
         return Background(tracks.only(still), joined=True, still=True, passing=True)
-    joined = plane.sum() >= max(MIN_TRACKS, _LEAST_AGREEING * len(tracks))
-    passing = np.hypot(*moved.T) > _PASSES * diagonal
-    cut = not joined and len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
-    return Background(tracks.only(plane), bool(joined), cut, passing=passing.sum() > _FEW_PASS * len(tracks))
+    joined = plane.sum() >= max(MIN_TRACKS, _TRACKS.least_agreeing * len(tracks))
+    passing = np.hypot(*moved.T) > _TRACKS.passes * diagonal
+    cut = not joined and len(tracks) < _TRACKS.least_of_scene * tracks.looked_for
+    return Background(tracks.only(plane), bool(joined), cut, passing=passing.sum() > _TRACKS.few_pass * len(tracks))
 
 
 def _largest_plane(tracks: Tracks, ratio: float, before: Background | None) -> Bool[np.ndarray, "tracks"]:
     """Returns which tracks move with the largest plane, or with the one that was the background before."""
-    fewest = max(MIN_TRACKS, _LEAST_AGREEING * len(tracks))
+    fewest = max(MIN_TRACKS, _TRACKS.least_agreeing * len(tracks))
     plane = np.zeros(len(tracks), bool)
     for guess in dict.fromkeys((ratio, GUESSED_RATIO)):  # the speed of a camera that shakes is not that within a frame
         plane = _of_one_plane(*_at_once(tracks, guess), tracks)
@@ -219,12 +231,12 @@ def _largest_plane(tracks: Tracks, ratio: float, before: Background | None) -> B
     if np.isnan(goes_on) or goes_on > 0.5:
         return plane
     others = np.flatnonzero(~plane)
-    if len(others) < _RIVAL * plane.sum():
+    if len(others) < _TRACKS.rival * plane.sum():
         return plane
     rest = tracks.only(~plane)
     rival = np.zeros(len(tracks), bool)
     rival[others] = _of_one_plane(*_at_once(rest, guess), rest)
-    is_rival = rival.sum() >= max(MIN_TRACKS, _RIVAL * plane.sum())
+    is_rival = rival.sum() >= max(MIN_TRACKS, _TRACKS.rival * plane.sum())
     return rival if is_rival and _share_known(tracks.start[rival], tracks, before) > 2 * goes_on else plane
 
 
@@ -234,7 +246,7 @@ def _share_known(points: np.ndarray, tracks: Tracks, before: Background | None) 
         return np.nan
     across, down = (points[:, k, None] - before.tracks.end[:, k] for k in (0, 1))
     apart = np.sqrt((across**2 + down**2).min(axis=1))
-    return float(np.mean(apart < _SAME_PLACE * float(np.hypot(tracks.height, tracks.width))))
+    return float(np.mean(apart < _TRACKS.same_place * float(np.hypot(tracks.height, tracks.width))))
 
 
 def _at_once(tracks: Tracks, ratio: float) -> tuple[Float64[np.ndarray, "tracks 2"], Float64[np.ndarray, "tracks 2"]]:
@@ -251,9 +263,9 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndar
     If the speed changes within a frame, rows deviate from it smoothly; that is allowed for. The first look is narrow:
     a wide one takes objects that move slowly for a part of the plane.
     """
-    near = _NEAR_PLANE * float(np.hypot(tracks.height, tracks.width))
+    near = _TRACKS.near_plane * float(np.hypot(tracks.height, tracks.width))
     sharply = _close_to_plane(start, end, tracks, near / 2, near / 2)
-    enough = sharply.sum() >= max(MIN_TRACKS, _LEAST_AGREEING * len(start))
+    enough = sharply.sum() >= max(MIN_TRACKS, _TRACKS.least_agreeing * len(start))
     return sharply if enough else _close_to_plane(start, end, tracks, near, 2 * near)
 
 
@@ -272,9 +284,9 @@ def _close_to_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks, near: fl
         if np.count_nonzero(away < near) < MIN_TRACKS:
             return np.zeros(len(start), bool)
         chosen = away < near
-    if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # no closer than by chance: noise
+    if np.count_nonzero(away < near / 3) < _TRACKS.sharp * np.count_nonzero(chosen):  # no closer than by chance: noise
         return np.zeros(len(start), bool)
-    return away < np.clip(_SPREAD * np.median(away[chosen]), _LEAST * diagonal, near)
+    return away < np.clip(_TRACKS.spread * np.median(away[chosen]), _TRACKS.least * diagonal, near)
 
 
 def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:
@@ -284,7 +296,7 @@ def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Flo
     focal = tracks.lens.focal * tracks.height
     middle = np.array([tracks.width - 1, tracks.height - 1]) / 2
     x, y, z = tracks.lens.direction(*((points - middle) / focal).T)
-    return np.stack([x, y], axis=-1) / np.maximum(z, _FORWARD)[:, None] * focal + middle
+    return np.stack([x, y], axis=-1) / np.maximum(z, _TRACKS.forward)[:, None] * focal + middle
 
 
 def bent(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:
@@ -299,7 +311,7 @@ def bent(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.
 
 def _spread(points: np.ndarray, tracks: Tracks) -> bool:
     """Whether points cover a quarter of the picture's cells, in at least three of its quarters."""
-    cell = (points[:, ::-1] / [tracks.height, tracks.width] * _CELLS).astype(int)
+    cell = (points[:, ::-1] / [tracks.height, tracks.width] * _TRACKS.cells).astype(int)
     cells = {(int(row), int(col)) for row, col in cell}
-    quarters = {(2 * row // _CELLS[0], 2 * col // _CELLS[1]) for row, col in cells}
-    return 4 * len(cells) >= _CELLS[0] * _CELLS[1] and len(quarters) >= 3
+    quarters = {(2 * row // _TRACKS.cells[0], 2 * col // _TRACKS.cells[1]) for row, col in cells}
+    return 4 * len(cells) >= _TRACKS.cells[0] * _TRACKS.cells[1] and len(quarters) >= 3

@@ -11,6 +11,7 @@ from unshutter.motion.shapes import Bool, Float, Float64
 
 _DEGREES = 3.0  # of freedom of Student's t, the model of the errors of tracks and matches
 FINEST_PX = 0.02  # lower limit of the noise of tracks
+CORRELATED = 4.0  # errors of tracks and matches are correlated: n of them count as n / CORRELATED
 
 
 def student_weights(
@@ -44,11 +45,10 @@ def student_log_likelihoods(squared: Float64[np.ndarray, "*shape"], noise: float
     return -2 * np.log(noise) - (_DEGREES + 2) / 2 * np.log1p(squared / (_DEGREES * noise**2))
 
 
-def falling_weights(squared: Float[np.ndarray, "*shape"], scale: float, power: float) -> Float[np.ndarray, "*shape"]:
-    """Returns 1 / (1 + squared / scale^2)^power: 2 is Geman and McClure's weight, 1 Cauchy's, 1/2 nearly Huber's.
+def falling_weights(squared: Float[np.ndarray, "*shape"], power: float) -> Float[np.ndarray, "*shape"]:
+    """Returns 1 / (1 + squared)^power: Geman and McClure's weight for 2, Cauchy's for 1, nearly Huber's for 1/2.
 
     Args:
-        squared: squared residuals.
-        scale: residual from which weights fall.
+        squared: squared residuals, in units of the residual from which weights fall.
     """
-    return 1 / (1 + squared / scale**2) ** power
+    return 1 / (1 + squared) ** power

@@ -24,16 +24,10 @@ from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prospects import MOST_AT_REST, MOVING, ExpectedBenefit, Mode, calibration_of, expected_benefit
 from unshutter.single.search import Optima, Posterior, displacement, expected_error, mixture_moments
+from unshutter.single.sharpness import BLUR
 from unshutter.single.smear import Smear, smear_of
 
-_SIDE = 480  # px, short side of the copy in which smears are measured
-_LARGEST_ERROR = 0.6  # largest relative error of the readout time for which smears are used
 _ACROSS = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # derivative of t_x over the readout by the coefficients
-_TEMPER = 0.1  # exponent that tempers the evidence of right angles
-# measured on training photos (docs/research/own-model-folders.md):
-_MISLED = 0.16  # share of smeared photos whose direction right angles do not show, however sure they seem
-_STATED = 0.99  # probability that smears help along a direction that the user states
-_LEFT = 0.6  # error that remains, as a share of the expected one
 
 
 def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tuple[Candidate, ...] | None:
@@ -43,9 +37,9 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     if limit is None or not time.seconds or view.photo.is_merged():
         return None
     readout_error = math.log(time.longest_s / time.seconds) / 2
-    grey = view.grey(_SIDE)
+    grey = view.grey(BLUR.side)
     smear = smear_of(grey, view.height / grey.shape[0], limit, readout_error)
-    if smear is None or readout_error > _LARGEST_ERROR:
+    if smear is None or readout_error > BLUR.readout_error:
         return None
     sides = [_Side.of(posterior, smear, sign) for sign in (-1, 1)]
     if view.heading:
@@ -56,9 +50,9 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     benefits: list[ExpectedBenefit] = []
     for side in sorted(sides, key=lambda side: -side.log_weight):
         share = math.exp(side.log_weight - total)
-        better = _STATED if view.heading else _MISLED / 2 + (1 - _MISLED) * share
+        better = BLUR.stated if view.heading else BLUR.misled / 2 + (1 - BLUR.misled) * share
         mode = Mode(side.motion, side.error, share, kind)
-        benefits.append(ExpectedBenefit(better, _LEFT * side.error, displacement(side.motion)))
+        benefits.append(ExpectedBenefit(better, BLUR.error_left * side.error, displacement(side.motion)))
         moving.append(_candidate(mode, benefits[-1], posterior, view, estimator))
     if limit.refutes(moving[0].motion):
         return None
@@ -83,14 +77,14 @@ class _Side:
         """Returns the posterior given the speed that smears show, in the direction of this sign."""
         optima = posterior.optima
         J_speed = smear.jacobian()
-        spread = optima.covariances / _TEMPER
+        spread = optima.covariances / BLUR.temper
         towards = spread @ J_speed.T  # [K, 6, 2]
         covariance = J_speed @ towards + smear.covariance  # [K, 2, 2]
         missing = sign * smear.speed - optima.motions @ J_speed.T  # [K, 2]
         gain = towards @ np.linalg.inv(covariance)
         motions = optima.motions + np.einsum("kij,kj->ki", gain, missing)
         distance = np.einsum("ki,kij,kj->k", missing, np.linalg.inv(covariance), missing)
-        weights = _TEMPER * np.log(np.maximum(optima.share, 1e-30))
+        weights = BLUR.temper * np.log(np.maximum(optima.share, 1e-30))
         weights = weights - 0.5 * (distance + np.linalg.slogdet(covariance)[1])
         total = float(np.logaddexp.reduce(weights))
         mean, left = mixture_moments(np.exp(weights - total), motions, spread - gain @ towards.swapaxes(1, 2))

@@ -116,18 +116,29 @@ def _points(points: Iterable[Sequence[float]]) -> tuple[tuple[float, float], ...
 
 # ---- as constraints ------------------------------------------------------------------------------------
 
-# Measured on a separate set of photos (val/), as docs/guide/by-hand.md shows.
 MET_DEG = 0.3  # a line that is this close to its direction in the result is met
-_SIGMA_ANGLE = 0.0025  # of a drawn direction [rad],
-_SIGMA_BEND = 0.002  # and of the points of a line [rows]
-_ASKEW = math.radians(0.25)  # of the camera, at most: lines stay within MET_DEG
-_SLACK = 0.01  # of their variance: in the result they are met almost exactly
-_STEEPEST = math.radians(35)  # tilt that lines show
-_MAX_ROTATION = math.radians(45)  # turn of a line by the motion
-_FARTHEST = 4.5  # standard deviations of a motion that lines show
-_MOST_BENT_PX = 3.0  # bend that they add [px of 256]
-_LEAST_LENGTH = 0.01  # of a line [rows]
-_STEP = 1e-6  # of numerical derivatives
+
+
+@dataclass(frozen=True)
+class DrawnLineParams:
+    """How drawn lines are met, measured by ``python lab/benchmarks/drawn_lines.py`` (docs/guide/by-hand.md)."""
+
+    sigma_angle: float = 0.0025  # of a drawn direction [rad],
+    sigma_bend: float = 0.002  # and of the points of a line [rows]
+    askew: float = math.radians(0.25)  # of the camera, at most: lines stay within MET_DEG
+    slack: float = 0.01  # of their variance: in the result they are met almost exactly
+    steepest: float = math.radians(35)  # tilt that lines show
+    max_rotation: float = math.radians(45)  # turn of a line by the motion
+    farthest: float = 4.5  # standard deviations of a motion that lines show
+    most_bent_px: float = 3.0  # bend that they add [px of 256]
+    least_length: float = 0.01  # of a line [rows]
+    step: float = 1e-6  # of numerical derivatives
+    first_steps: int = 10  # of all starting poses
+    followed: int = 8  # best poses that continue
+    onto_lines: int = 5  # steps
+
+
+LINES = DrawnLineParams()
 
 
 class Directions:
@@ -175,7 +186,7 @@ class Bends:
         dx = other.col - one.col
         dy = other.row - one.row
         across = dx * (point.row - one.row) - dy * (point.col - one.col)
-        return across / np.maximum(np.hypot(dx, dy), _LEAST_LENGTH)
+        return across / np.maximum(np.hypot(dx, dy), LINES.least_length)
 
 
 NAME = "drawn-lines"  # estimator name of these motions
@@ -206,7 +217,7 @@ class DrawnLikelihood(ManhattanLikelihood):
         """[S, M] how far lines are from what they are to be, in standard deviations."""
         angles = self.directions.angles(unknowns)
         offsets = self._bends.offsets(unknowns)
-        return np.concatenate([angles / _SIGMA_ANGLE, offsets / _SIGMA_BEND], axis=1)
+        return np.concatenate([angles / LINES.sigma_angle, offsets / LINES.sigma_bend], axis=1)
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, 10, M] derivative of the residuals, which do not depend on the yaw."""
@@ -214,8 +225,8 @@ class DrawnLikelihood(ManhattanLikelihood):
         J = np.zeros((len(unknowns), UNKNOWNS, at.shape[1]))
         for k in (*range(UNKNOWNS)[MOTION], ROLL, TILT, LOG_FOCAL):
             changed = unknowns.copy()
-            changed[:, k] += _STEP
-            J[:, k] = (self.residuals(changed) - at) / _STEP
+            changed[:, k] += LINES.step
+            J[:, k] = (self.residuals(changed) - at) / LINES.step
         return J
 
     def energy(self, unknowns: np.ndarray) -> np.ndarray:
@@ -274,11 +285,12 @@ def motion_from_lines(
     if network is not None and len(segments):
         answer = network.coefficients(segments, view.up).ravel()
         errors = shipped().network_errors
-        precision = _without_shear(errors.precision(PX * displacement(answer)))
+        precision = errors.precision(PX * displacement(answer))
+        precision -= np.outer(precision[:, 0], precision[0]) / precision[0, 0]  # lines determine the shear better
         observation = NetworkObservation(answer, precision, errors.freedom)
         starts = [answer, *starts]
     every = DrawnLikelihood(view, segments, size, lines, observation)
-    usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < _MAX_ROTATION
+    usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < LINES.max_rotation
     level = np.array([line.kind == "level" for line in lines])
     used = usable
     fit = every.prior.mean[None]
@@ -309,15 +321,12 @@ def _plausible(unknowns: np.ndarray, mean: np.ndarray) -> bool:
     motion = unknowns[MOTION]
     tilt = abs(float(unknowns[TILT]))
     far2 = float(motion @ _ANY_MOTION.precision @ motion)
-    return far2 < _FARTHEST**2 and tilt < _STEEPEST and PX * bend(motion - mean[MOTION]) < _MOST_BENT_PX
+    return far2 < LINES.farthest**2 and tilt < LINES.steepest and PX * bend(motion - mean[MOTION]) < LINES.most_bent_px
 
 
 _ROLLS = np.radians([-3, 0, 3])  # of starting poses
-_FIRST_STEPS = 10  # of all poses
-_FOLLOWED = 8  # best poses that continue
 _CHANGED = np.array([*range(UNKNOWNS)[MOTION], TILT])  # unknowns that straighten lines
 _READILY = np.array([0.06, 0.03, 0.003, 0.02, 0.01, 0.001, 0.1])  # how much of each: shear rather than bend and turn
-_ONTO_LINES = 5  # steps
 
 
 def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) -> np.ndarray:
@@ -327,8 +336,8 @@ def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) 
     """
     begin = [poses(likelihood, motion, roll) for motion in motions for roll in _ROLLS]
     everything = slice(0, UNKNOWNS)
-    tried, energy, _ = descend(likelihood, np.concatenate(begin), everything, steps=_FIRST_STEPS)
-    optima, energy, hessian = descend(likelihood, tried[np.argsort(energy)[:_FOLLOWED]], everything)
+    tried, energy, _ = descend(likelihood, np.concatenate(begin), everything, steps=LINES.first_steps)
+    optima, energy, hessian = descend(likelihood, tried[np.argsort(energy)[: LINES.followed]], everything)
     evidence = -energy - 0.5 * np.linalg.slogdet(hessian)[1]
     weight = np.exp(evidence - evidence.max())
     return (weight @ optima / weight.sum())[None]
@@ -338,17 +347,12 @@ def _onto_lines(likelihood: DrawnLikelihood, unknowns: np.ndarray) -> np.ndarray
     """Changes motion and tilt [1, 10] by the least that straightens the lines in the picture of an upright camera."""
     unknowns = unknowns.copy()
     scale = np.diag(_READILY**2)
-    unknowns[:, ROLL] = np.clip(unknowns[:, ROLL], -_ASKEW, _ASKEW)
-    for _ in range(_ONTO_LINES):
+    unknowns[:, ROLL] = np.clip(unknowns[:, ROLL], -LINES.askew, LINES.askew)
+    for _ in range(LINES.onto_lines):
         at = likelihood.residuals(unknowns)[0]
         J = likelihood.jacobian(unknowns)[0, _CHANGED]
-        unknowns[0, _CHANGED] -= scale @ J @ np.linalg.solve(J.T @ scale @ J + _SLACK * np.eye(len(at)), at)
+        unknowns[0, _CHANGED] -= scale @ J @ np.linalg.solve(J.T @ scale @ J + LINES.slack * np.eye(len(at)), at)
     return unknowns
-
-
-def _without_shear(precision: np.ndarray) -> np.ndarray:
-    """[6, 6] precision without the linear coefficient of t_x, which lines determine better than the network."""
-    return precision - np.outer(precision[:, 0], precision[0]) / precision[0, 0]
 
 
 def _in_rows(line: DrawnLine, view: View) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,18 +12,26 @@ from unshutter.single.likelihood import ManhattanLikelihood
 from unshutter.single.prior import ROLL, TILT
 from unshutter.single.search import CAMERA, descend
 
-# measured on views of level places, with known roll (docs/research/own-model-folders.md#levelling)
 _FROM_ROLLS, _FROM_TILTS = np.radians([-6, -3, 0, 3, 6]), np.radians([-10, 0, 10])  # relative to the camera found
-_SAME_CAMERA = 0.003  # of its unknowns
-_SAME_ROLL = math.radians(0.3)
-_OTHER_CAMERAS = 0.2  # exponent of their evidence, as segments repeat each other's errors
-_FROM_SEGMENTS = 2.0  # times the deviation by the curvature, for the same reason
-_LEAST_ERROR = math.radians(0.3)  # of lenses and of what people build
-_LEAST_GAIN = 0.3  # of the lines over chance [nats per unit of weight]; below it, they show no roll
-_FEWEST_UPRIGHT = 0.1  # share of upright lines; below it, level ones may recede unless one is a horizon
-_HORIZON = 0.3  # share of the picture's width that segments of a horizon cover,
-_ON_A_LINE = 0.006  # rows from it
-_LEVEL = math.sin(math.radians(1))
+
+
+@dataclass(frozen=True)
+class RollParams:
+    """When a roll is trusted: ``python lab/benchmarks/levelling.py`` (docs/research/own-model-folders.md#levelling)."""
+
+    same_camera: float = 0.003  # of its unknowns
+    same_roll: float = math.radians(0.3)
+    other_cameras: float = 0.2  # exponent of their evidence, as segments repeat each other's errors
+    from_segments: float = 2.0  # times the deviation by the curvature, for the same reason
+    least_error: float = math.radians(0.3)  # of lenses and of what people build
+    least_gain: float = 0.3  # of the lines over chance [nats per unit of weight]; below it, they show no roll
+    fewest_upright: float = 0.1  # share of upright lines; below it, level ones may recede unless one is a horizon
+    horizon: float = 0.3  # share of the picture's width that segments of a horizon cover,
+    on_a_line: float = 0.006  # rows from it
+    level: float = math.sin(math.radians(1))
+
+
+_ROLL = RollParams()
 
 
 def roll_error(likelihood: ManhattanLikelihood, camera: Float64[np.ndarray, "4"]) -> float | None:
@@ -32,11 +41,11 @@ def roll_error(likelihood: ManhattanLikelihood, camera: Float64[np.ndarray, "4"]
         camera: the most probable one near a pose (:func:`~unshutter.single.search.cameras_for`).
     """
     still = np.concatenate([np.zeros(6), camera])
-    if float(likelihood.lines_gain(still[None])[0]) < _LEAST_GAIN:
+    if float(likelihood.lines_gain(still[None])[0]) < _ROLL.least_gain:
         return None
     upright, *level = likelihood.weight_of_directions(still)
-    may_recede = likelihood.known.log_focal is None and upright < _FEWEST_UPRIGHT * (upright + sum(level))
-    if may_recede and _longest_line(likelihood, camera[0]) < _HORIZON:
+    may_recede = likelihood.known.log_focal is None and upright < _ROLL.fewest_upright * (upright + sum(level))
+    if may_recede and _longest_line(likelihood, camera[0]) < _ROLL.horizon:
         return None
     begin = np.tile(still, (1 + len(_FROM_ROLLS) * len(_FROM_TILTS), 1))
     begin[1:, ROLL] += np.repeat(_FROM_ROLLS, len(_FROM_TILTS))
@@ -45,17 +54,17 @@ def roll_error(likelihood: ManhattanLikelihood, camera: Float64[np.ndarray, "4"]
     cameras = cameras[:, CAMERA]
     order = np.argsort(energy, kind="stable")
     roll = cameras[order[0], 0]
-    if abs(roll - camera[0]) > _SAME_ROLL:
+    if abs(roll - camera[0]) > _ROLL.same_roll:
         return None
     kept: list[int] = []
     for k in order:
-        if all(np.abs(cameras[k] - cameras[j]).max() > _SAME_CAMERA for j in kept):
+        if all(np.abs(cameras[k] - cameras[j]).max() > _ROLL.same_camera for j in kept):
             kept.append(int(k))
     curvature = hessian[kept][:, CAMERA, CAMERA]
     evidence = -energy[kept] - 0.5 * np.linalg.slogdet(curvature)[1]
-    share = np.exp(_OTHER_CAMERAS * (evidence - evidence.max()))
+    share = np.exp(_ROLL.other_cameras * (evidence - evidence.max()))
     others = float(share @ (cameras[kept, 0] - roll) ** 2 / share.sum())
-    return math.sqrt(_FROM_SEGMENTS**2 * float(np.linalg.inv(curvature[0])[0, 0]) + others + _LEAST_ERROR**2)
+    return math.sqrt(_ROLL.from_segments**2 * float(np.linalg.inv(curvature[0])[0, 0]) + others + _ROLL.least_error**2)
 
 
 def _longest_line(likelihood: ManhattanLikelihood, roll: float) -> float:
@@ -66,13 +75,13 @@ def _longest_line(likelihood: ManhattanLikelihood, roll: float) -> float:
     along = np.array([math.cos(angle), math.sin(angle)])
     across = np.array([-along[1], along[0]])
     way = segments[:, 2:] - segments[:, :2]
-    segments = segments[np.abs(way @ across) < _LEVEL * np.hypot(*way.T)]
+    segments = segments[np.abs(way @ across) < _ROLL.level * np.hypot(*way.T)]
     height = (segments[:, :2] + segments[:, 2:]) @ across / 2
     ends = np.sort(np.stack([segments[:, :2] @ along, segments[:, 2:] @ along], axis=1), axis=1)
     longest = 0.0
     for each in height:
         covered, reached = 0.0, -math.inf
-        for start, end in sorted(ends[np.abs(height - each) < _ON_A_LINE].tolist()):
+        for start, end in sorted(ends[np.abs(height - each) < _ROLL.on_a_line].tolist()):
             covered += max(end - max(start, reached), 0.0)
             reached = max(reached, end)
         longest = max(longest, covered)

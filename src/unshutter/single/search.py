@@ -104,15 +104,24 @@ _SQUARED_DISPLACEMENT = _squared_displacement()
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
 _LOG_FOCALS = np.array([-0.35, 0.25])  # relative to the expected one
-_CAMERAS = 2  # starting poses for one motion,
-_OTHER_YAW = 0.2  # which are this far apart [rad]
-_FIRST_STEPS = 10  # of every start;
-_FOLLOWED = 4  # only this many of the best continue, as motions of each kind
-_TEMPER = 0.25  # tempers the evidence for one kind of motion against another: segments' errors are correlated
-_LONGEST_STEP = 0.3
-_LEAST_GAIN = 1e-3  # of a step [nats]; smaller gains end the search
-_SAME = 0.3 / 256  # rows: optima closer than this are merged
 _DIAGONAL = np.arange(UNKNOWNS)
+
+
+@dataclass(frozen=True)
+class SearchParams:
+    """How far the posterior is searched (docs/research/own-model-search.md)."""
+
+    cameras: int = 2  # starting poses for one motion,
+    other_yaw: float = 0.2  # which are this far apart [rad]
+    first_steps: int = 10  # of every start;
+    followed: int = 4  # only this many of the best continue, as motions of each kind
+    temper: float = 0.25  # of the evidence for one kind against another: segments' errors are correlated
+    longest_step: float = 0.3
+    least_gain: float = 1e-3  # of a step [nats]; smaller gains end the search
+    same: float = 0.3 / 256  # rows: optima closer than this are merged
+
+
+_SEARCH = SearchParams()
 
 
 def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray]) -> Posterior:
@@ -122,10 +131,10 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray]) -> P
         motions: [6] coefficients each, to start from; zero motion is always included.
     """
     begin = np.concatenate([poses(likelihood, motion) for motion in (np.zeros(6), *motions)])
-    (hypotheses, kind, moving, covariances), at_rest, still = _optima(likelihood, begin, begin[:_CAMERAS])
+    (hypotheses, kind, moving, covariances), at_rest, still = _optima(likelihood, begin, begin[: _SEARCH.cameras])
     each = np.array([np.logaddexp.reduce(moving[kind == k]) for k in range(kind.max() + 1)])  # evidence of the kinds
     log_shares = np.log([known.share for known in likelihood.prior.kinds])  # prior
-    tempered = _TEMPER * each + log_shares
+    tempered = _SEARCH.temper * each + log_shares
     share = np.exp(moving - each[kind] + (tempered - np.logaddexp.reduce(tempered))[kind])
     # the posterior of the motion is a mixture of Gaussians, one for each optimum
     optima = Optima(hypotheses[:, MOTION], covariances, kind, share)
@@ -161,8 +170,8 @@ def _optima(
     Kinds share their first steps, with the prior of the first one, which is the widest. The rest is searched together
     with the cameras at rest, since a few more hypotheses cost little.
     """
-    tried, energy, _ = descend(likelihood, begin, slice(0, UNKNOWNS), steps=_FIRST_STEPS)
-    promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
+    tried, energy, _ = descend(likelihood, begin, slice(0, UNKNOWNS), steps=_SEARCH.first_steps)
+    promising = tried[_distinct(tried, energy)[: _SEARCH.followed]]
     count = len(likelihood.prior.kinds)
     kind = np.repeat(np.arange(count), len(promising))
     starts = np.concatenate([np.tile(promising, (count, 1)), cameras])
@@ -244,7 +253,7 @@ def descend(
         matrix = np.where(free_now[:, :, None] & free_now[:, None, :], hessian[going], np.eye(UNKNOWNS))
         matrix[:, _DIAGONAL, _DIAGONAL] *= 1 + damping[going, None]
         step = -np.linalg.solve(matrix, (gradient[going] * free_now)[..., None])[..., 0]
-        tried = at[going] + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        tried = at[going] + np.clip(step, -_SEARCH.longest_step, _SEARCH.longest_step)
         new_energy, new_gradient, new_hessian = likelihood.expanded(tried, kind[going], camera_only)
         gain = energy[going] - new_energy
         better = gain > 0
@@ -254,7 +263,7 @@ def descend(
         gradient[moved] = new_gradient[better]
         hessian[moved] = new_hessian[better]
         damping[going] *= np.where(better, 0.2, 8.0)
-        arrived = (better & (gain < _LEAST_GAIN)) | (damping[going] > 1e4)
+        arrived = (better & (gain < _SEARCH.least_gain)) | (damping[going] > 1e4)
         going = going[~arrived]
         if not len(going):
             break
@@ -262,7 +271,7 @@ def descend(
 
 
 def poses(likelihood: ManhattanLikelihood, motion: np.ndarray, roll: float = 0.0) -> np.ndarray:
-    """[_CAMERAS, 10] the cameras of a grid that best fit a motion, with distinct yaws and this much more roll [rad]."""
+    """[cameras, 10] the cameras of a grid that best fit a motion, with distinct yaws and this much more roll [rad]."""
     expected = likelihood.prior.mean
     tilts = _TILTS if likelihood.known.tilt is None else [expected[TILT]]
     yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))
@@ -274,9 +283,9 @@ def poses(likelihood: ManhattanLikelihood, motion: np.ndarray, roll: float = 0.0
     kept: list[int] = []
     for k in np.argsort(likelihood.energy(grid), kind="stable"):
         apart = [(yaw[k] - yaw[j] + math.pi / 4) % (math.pi / 2) - math.pi / 4 for j in kept]
-        if all(abs(angle) > _OTHER_YAW for angle in apart):
+        if all(abs(angle) > _SEARCH.other_yaw for angle in apart):
             kept.append(int(k))
-        if len(kept) == _CAMERAS:
+        if len(kept) == _SEARCH.cameras:
             break
     return grid[kept]
 
@@ -285,6 +294,6 @@ def _distinct(hypotheses: np.ndarray, energy: np.ndarray) -> list[int]:
     """Returns one index per distinct optimum, the best first: several starts may lead to the same one."""
     kept: list[int] = []
     for k in np.argsort(energy, kind="stable"):
-        if all(displacement(hypotheses[k, MOTION] - hypotheses[j, MOTION]) > _SAME for j in kept):
+        if all(displacement(hypotheses[k, MOTION] - hypotheses[j, MOTION]) > _SEARCH.same for j in kept):
             kept.append(int(k))
     return kept

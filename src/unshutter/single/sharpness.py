@@ -25,17 +25,49 @@ if TYPE_CHECKING:
 
 
 BANDS = 4  # of rows: the camera's motion may be uneven
-_LINES = 128  # rows, and columns, that are examined
-_CONTRAST = 60  # least contrast of an edge, in levels of 255: more than that of noise and JPEG blocks
-_SHARPEST = 10  # percentile of the edge widths that is used: noise and retouched areas may be even sharper
-_MIN_EDGES = 30  # edges; fewer are inconclusive
-_OUTER = 0.25  # columns further than this from the centre [widths] reveal rotation
-_DOUBT = 1.5  # standard deviation of a speed, in speed limits
-_LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout: these keep its density finite
-_LEEWAY = 2.5  # multiple of the limit that refutes a motion: nine in ten blurred pictures are below (own-model.md)
-_USUAL = 1.25  # ratio of widths that 1 in 20 photos that stood still exceeds
-_SMEARED = 1.6  # ratio of widths that none of them exceeds
-_MERGED = 3.0  # factor on the speed: sharp parts of a merged photo may come from exposures shorter than EXIF's
+
+
+@dataclass(frozen=True)
+class BlurParams:
+    """What blur shows, measured by ``python lab/benchmarks/smears.py`` (docs/research/own-model-search.md)."""
+
+    # ---- widths of edges
+    lines: int = 128  # rows, and columns, that are examined
+    contrast: int = 60  # least contrast of an edge, in levels of 255: more than that of noise and JPEG blocks
+    sharpest: float = 10  # percentile of the widths that is used: noise and retouched areas may be even sharper
+    min_edges: int = 30  # fewer are inconclusive
+    outer: float = 0.25  # columns further than this from the centre [widths] reveal rotation
+    doubt: float = 1.5  # standard deviation of a speed, in speed limits
+    least_speed: float = 1e-4  # rows, and rad, over a readout: keeps its density finite,
+    any_speed: float = 10.0  # and so does this
+    leeway: float = 2.5  # multiple of the limit that refutes a motion: nine in ten blurred pictures are below
+    usual: float = 1.25  # ratio of widths that 1 in 20 photos that stood still exceeds
+    smeared: float = 1.6  # ratio of widths that none of them exceeds
+    merged: float = 3.0  # factor on the speed: a merged photo may have exposures shorter than EXIF's
+
+    # ---- smears: lengths in px of the copy in which they are measured
+    side: int = 480  # short side of that copy
+    smallest: int = 128  # its least short side
+    bands: int = 8  # of rows
+    window: int = 256  # of the spectra
+    high: float = 0.3  # cycles per px, from which frequencies are high
+    noise: tuple[float, float] = (0.003, 0.97)  # least and largest share of noise
+    faint: float = 0.01  # power added to both, in squared levels
+    ridge: float = 0.002  # towards b = 0
+    clear: float = 1.2  # times the residual that remains: least residual without smears
+    across: float = 1.4  # smeared edges are at least this multiple of the width of those along the columns
+    shortest: float = 2.5  # what seems shorter may be the lens or sharpening
+    to_edges: tuple[float, float] = (0.4, 2.8)  # length of smears, relative to the width of the sharpest edges
+    error: float = 0.1  # relative error of c0
+    slope_error: float = 0.3  # relative error of c1
+    readout_error: float = 0.6  # largest relative error of the readout time for which smears are used
+    temper: float = 0.1  # exponent that tempers the evidence of right angles on the direction
+    misled: float = 0.16  # share of smeared photos whose direction right angles do not show, however sure they seem
+    stated: float = 0.99  # probability that smears help along a direction that the user states
+    error_left: float = 0.6  # error that remains, as a share of the expected one
+
+
+BLUR = BlurParams()
 
 
 @dataclass(frozen=True)
@@ -58,8 +90,8 @@ class SpeedLimit:
 
     def precision(self, rows: int) -> Float64[np.ndarray, "6 6"]:
         """Returns that of Gaussians around zero speed at the centre of each band, in the coefficients of prior.py."""
-        tx = np.clip(_DOUBT * self.tx_px / rows, _LEAST_SPEED, _ANY_SPEED)
-        rz = float(np.clip(_DOUBT * self.rz_rad, _LEAST_SPEED, _ANY_SPEED))
+        tx = np.clip(BLUR.doubt * self.tx_px / rows, BLUR.least_speed, BLUR.any_speed)
+        rz = float(np.clip(BLUR.doubt * self.rz_rad, BLUR.least_speed, BLUR.any_speed))
         u = (np.arange(BANDS) + 0.5) / BANDS
         J_speed = np.stack([np.ones_like(u), 2 * u, 3 * u**2], axis=1)  # derivatives by the coefficients
         precision = np.zeros((6, 6))
@@ -74,7 +106,7 @@ class SpeedLimit:
         bands = np.array_split(np.abs(velocity) * per_readout, BANDS)
         fastest = np.array([np.median(band, axis=0) for band in bands])  # [BANDS, 2]
         rotated = np.median(np.abs(turning)) * per_readout
-        allowed = _LEEWAY * self.tx_px, _LEEWAY * self.ty_px, _LEEWAY * self.rz_rad
+        allowed = BLUR.leeway * self.tx_px, BLUR.leeway * self.ty_px, BLUR.leeway * self.rz_rad
         return bool((fastest > np.stack(allowed[:2], axis=1)).any() or rotated > allowed[2])
 
 
@@ -91,10 +123,10 @@ class EdgeWidths:
         """Measures pixels [H, W, bands] at full size in the readout frame, uint8 or uint16."""
         rows, columns = (_Edges.of(_lines(each)) for each in (pixels, pixels.swapaxes(0, 1)))
         height, width = pixels.shape[:2]
-        off_centre = np.abs((columns.line + 0.5) / _LINES - 0.5)
-        outer = off_centre > _OUTER
+        off_centre = np.abs((columns.line + 0.5) / BLUR.lines - 0.5)
+        outer = off_centre > BLUR.outer
         return cls(
-            _by_bands(rows.line * height / _LINES, rows.width, height),
+            _by_bands(rows.line * height / BLUR.lines, rows.width, height),
             _by_bands(columns.middle, columns.width, height),
             _sharpest(columns.width[outer] / (off_centre[outer] * width)),
         )
@@ -105,7 +137,7 @@ class EdgeWidths:
         across, along = (float(np.median(widths)) for widths in (self.along_rows, self.along_columns))
         if not max(across, along) < math.inf:
             return 0.0
-        return min(max(math.log(across / along / _USUAL) / math.log(_SMEARED / _USUAL), 0.0), 1.0)
+        return min(max(math.log(across / along / BLUR.usual) / math.log(BLUR.smeared / BLUR.usual), 0.0), 1.0)
 
 
 def speed_limit(
@@ -124,7 +156,7 @@ def speed_limit(
     if not np.isfinite([*found.along_rows, *found.along_columns, found.turning_rad]).any():
         return None
     readout_s = math.sqrt(readout_time.seconds * readout_time.longest_s)
-    factor = readout_s / exposure_s * (_MERGED if merged else 1)
+    factor = readout_s / exposure_s * (BLUR.merged if merged else 1)
     tx_px = factor * found.along_rows
     ty_px = factor * found.along_columns
     return SpeedLimit(tx_px, ty_px, factor * found.turning_rad, exposure_s, readout_s)
@@ -140,7 +172,7 @@ class _Edges:
 
     @classmethod
     def of(cls, lines: np.ndarray) -> _Edges:
-        """Finds runs of rising or falling brightness in uint8 [lines, px] by more than _CONTRAST levels.
+        """Finds runs of rising or falling brightness in uint8 [lines, px] by more than BLUR.contrast levels.
 
         Motion over L px turns each pixel's step into the difference of two values L apart, divided by L. So no edge is
         wider than the photo's brightness range divided by the edge's steepest step.
@@ -158,7 +190,7 @@ class _Edges:
         flat = values.ravel()  # one more value per line than steps
         contrast = np.abs(flat[end + line] - flat[begin + line])
         whole = (begin > line * count) & (end < (line + 1) * count)  # not cut by the border
-        strong = np.flatnonzero((contrast > _CONTRAST) & whole)
+        strong = np.flatnonzero((contrast > BLUR.contrast) & whole)
         begin = begin[strong]
         end = end[strong]
         line = line[strong]
@@ -172,8 +204,8 @@ class _Edges:
 
 
 def _lines(pixels: np.ndarray) -> np.ndarray:
-    """Returns uint8 [_LINES, px]: evenly spaced rows of pixels [H, W, bands], in green."""
-    at = ((np.arange(_LINES) + 0.5) * len(pixels) / _LINES).astype(int)
+    """Returns uint8 [BLUR.lines, px]: evenly spaced rows of pixels [H, W, bands], in green."""
+    at = ((np.arange(BLUR.lines) + 0.5) * len(pixels) / BLUR.lines).astype(int)
     bands = pixels.shape[2]
     lines = pixels[at, :, 1 if bands >= 3 else 0]
     return lines if lines.dtype == np.uint8 else (lines >> 8).astype(np.uint8)
@@ -189,4 +221,4 @@ def _by_bands(row: np.ndarray, widths: np.ndarray, height: int) -> np.ndarray:
 
 def _sharpest(widths: np.ndarray) -> float:
     """Returns the width of the sharpest edges, or infinity if there are too few."""
-    return float(np.percentile(widths, _SHARPEST)) if len(widths) >= _MIN_EDGES else np.inf
+    return float(np.percentile(widths, BLUR.sharpest)) if len(widths) >= BLUR.min_edges else np.inf

@@ -19,26 +19,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unshutter.single.sharpness import BLUR
+
 if TYPE_CHECKING:
     from unshutter.motion.shapes import Float32, Float64, UInt8
     from unshutter.single.sharpness import SpeedLimit
 
-_BANDS = 8
-_WINDOW = 256  # window of the spectra [px of the copy]
-_SMALLEST = 128  # least short side [px of the copy]
 _LENGTHS = np.concatenate([[0.0], np.geomspace(0.8, 64, 80)])  # px of the copy
 _SLOPES = np.linspace(-4, 4, 33)  # c1 / c0
 _NOISE = np.array([0, 0.25, 0.5, 1, 2])  # multiples of the power along the rows at high frequencies
-_HIGH = 0.3  # cycles per px, from which frequencies are high
-_LEAST_NOISE, _MOST_NOISE = 0.003, 0.97  # shares
-_FAINT = 0.01  # power added to both, in squared levels
-_RIDGE = 0.002  # towards b = 0
-_CLEAR = 1.2  # times the residual that remains: least residual without smears
-_ACROSS = 1.4  # smeared edges are at least this multiple of the width of those along the columns
-_SHORTEST = 2.5  # px of the copy; what seems shorter may be the lens or sharpening
-_TO_EDGES = 0.4, 2.8  # length of smears, relative to the width of the sharpest edges
-_ERROR = 0.1  # relative error of c0
-_SLOPE_ERROR = 0.3  # relative error of c1
 
 
 @dataclass(frozen=True)
@@ -67,31 +56,31 @@ def smear_of(
         scale: px of the photo per px of the copy.
         readout_error: standard deviation of the readout time's logarithm.
     """
-    if not limit.readout_s or min(grey.shape) < _SMALLEST:
+    if not limit.readout_s or min(grey.shape) < BLUR.smallest:
         return None
     per_px = limit.readout_s / limit.exposure_s
     across, along = (float(np.median(width)) / per_px for width in (limit.tx_px, limit.ty_px))  # px of the photo
-    if not _ACROSS * along <= across < np.inf:
+    if not BLUR.across * along <= across < np.inf:
         return None
     profile, gain = _profile(_residuals(grey.astype(np.float32)))
     length = float(np.abs(profile[0] + profile[1] * _centres()).mean())
-    low, high = (share * across / scale for share in _TO_EDGES)
-    if gain < _CLEAR or length < _SHORTEST or not low <= length <= high:
+    low, high = (share * across / scale for share in BLUR.to_edges)
+    if gain < BLUR.clear or length < BLUR.shortest or not low <= length <= high:
         return None
     speed = profile * per_px / len(grey)
     size = length * per_px / len(grey)
-    own = np.diag([(_ERROR * size) ** 2, (_SLOPE_ERROR * size) ** 2])
+    own = np.diag([(BLUR.error * size) ** 2, (BLUR.slope_error * size) ** 2])
     return Smear(speed, own + readout_error**2 * np.outer(speed, speed))
 
 
 def _residuals(grey: Float32[np.ndarray, "height width"]) -> Float64[np.ndarray, "bands lengths"]:
     """Returns what each length leaves unexplained of each band's spectra: the mean square."""
     height = len(grey)
-    window = min(_WINDOW, 1 << (min(grey.shape).bit_length() - 1))
+    window = min(BLUR.window, 1 << (min(grey.shape).bit_length() - 1))
     left = []
-    for k in range(_BANDS):
-        top = int(np.clip((k + 0.5) * height / _BANDS - window / 2, 0, height - window))
-        rows = grey[k * height // _BANDS : (k + 1) * height // _BANDS]
+    for k in range(BLUR.bands):
+        top = int(np.clip((k + 0.5) * height / BLUR.bands - window / 2, 0, height - window))
+        rows = grey[k * height // BLUR.bands : (k + 1) * height // BLUR.bands]
         columns = np.ascontiguousarray(grey[top : top + window].T)
         left.append(_unexplained(_power(rows, window), _power(columns, window)))
     return np.array(left)
@@ -103,16 +92,16 @@ def _unexplained(rows: Float64[np.ndarray, "powers"], columns: Float64[np.ndarra
     k = np.arange(2, window // 2 - 1)
     frequency = k / window
     damping = _damping(window)[:, k]
-    measured = np.log((rows[k] + _FAINT) / (columns[k] + _FAINT))
-    floor = np.percentile(rows[int(_HIGH * window) :], 30)
+    measured = np.log((rows[k] + BLUR.faint) / (columns[k] + BLUR.faint))
+    floor = np.percentile(rows[int(BLUR.high * window) :], 30)
     best = np.full(len(_LENGTHS), np.inf)
     for level in _NOISE:
-        noise = np.clip(level * floor / (columns[k] + _FAINT), _LEAST_NOISE, _MOST_NOISE)
+        noise = np.clip(level * floor / (columns[k] + BLUR.faint), *BLUR.noise)
         weight = (1 - noise) / np.sqrt(k)  # about the same for each octave
         weight /= weight.sum()
         log_f = np.log(frequency)
         model = np.stack([np.ones_like(log_f), log_f - weight @ log_f], axis=1)
-        normal = (model * weight[:, None]).T @ model + np.diag([0, _RIDGE])
+        normal = (model * weight[:, None]).T @ model + np.diag([0, BLUR.ridge])
         target = measured - np.log(damping * (1 - noise) + noise)  # [lengths, frequencies]
         fitted = np.linalg.solve(normal, (model * weight[:, None]).T @ target.T)
         best = np.minimum(best, (target - (model @ fitted).T) ** 2 @ weight)
@@ -144,7 +133,7 @@ def _damping(window: int) -> Float64[np.ndarray, "lengths powers"]:
 def _profile(residuals: Float64[np.ndarray, "bands lengths"]) -> tuple[np.ndarray, float]:
     """Returns c0, c1 [px] that explain all bands best, and how many times more no smear leaves unexplained."""
     lower, share = _grid()
-    bands = np.arange(_BANDS)
+    bands = np.arange(BLUR.bands)
     total = (residuals[bands, lower] * (1 - share) + residuals[bands, lower + 1] * share).sum(axis=-1)
     i, j = np.unravel_index(total.argmin(), total.shape)
     middle = _LENGTHS[1 + i]
@@ -162,4 +151,4 @@ def _grid() -> tuple[np.ndarray, np.ndarray]:
 
 def _centres() -> Float64[np.ndarray, "bands"]:
     """Returns u - 1/2 in the middle of each band."""
-    return (np.arange(_BANDS) + 0.5) / _BANDS - 0.5
+    return (np.arange(BLUR.bands) + 0.5) / BLUR.bands - 0.5

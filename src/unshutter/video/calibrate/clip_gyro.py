@@ -377,7 +377,7 @@ def frame_rotations(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
     for _ in range(4):
         answer = np.linalg.lstsq(jacobian * weights[:, None], moved * weights, rcond=None)[0]
         off = np.abs(moved - jacobian @ answer)
-        weights = falling_weights(off**2, 2 * float(np.median(off)) + 1e-3, power=0.5)
+        weights = falling_weights((off / (2 * np.median(off) + 1e-3)) ** 2, power=0.5)
     return answer
 
 

@@ -92,7 +92,7 @@ class PairMotion:
             unknowns = np.linalg.lstsq(normal, np.einsum("nci,nc->i", weighted, moved), rcond=None)[0]
             squared = np.square(moved - rows @ unknowns).sum(axis=1)
             scale = max(1.4826**2 * float(np.median(squared)) / 1.4, 1e-5)
-            weights = falling_weights(squared, 2 * scale**0.5, power=2)
+            weights = falling_weights(squared / (4 * scale), power=2)
         return cls(unknowns[[0, 3]], np.array([unknowns[2] + unknowns[4], unknowns[5] - unknowns[1]]))
 
 
@@ -281,7 +281,7 @@ def fit_robustly(
         unknowns = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
         left = values - rows @ unknowns
         scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
-        weights = falling_weights(left**2, 2.5 * scale, power=1)
+        weights = falling_weights((left / (2.5 * scale)) ** 2, power=1)
     inverse = np.linalg.pinv((rows * weights[:, None]).T @ rows)
     scores = rows * (weights * left)[:, None]
     scatter = scores.T @ scores
