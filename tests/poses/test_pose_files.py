@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import struct
 from pathlib import Path
 
@@ -48,7 +49,10 @@ def test_every_camera_model_of_colmap_is_read(tmp_path: Path) -> None:
     (text / "images.txt").write_text("1 1 0 0 0 0 0 0 3 street of 1.jpg\n")
     picture = struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 0, 3) + b"street of 1.jpg\0" + struct.pack("<Q", 0)
     (binary / "images.bin").write_bytes(picture)
-    for number, (model, names) in enumerate(MODELS.items()):
+    assert [list(MODELS)[number] for number in (4, 11, 12, 16, 17)] == [  # as pycolmap 4.2.1 counts them
+        "OPENCV", "RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION", "EUCM", "EQUIRECTANGULAR",
+    ]  # fmt: skip
+    for number, (model, names) in enumerate(list(MODELS.items())[:-1]):
         values = [10.0 + k for k in range(len(names.split()))]
         (text / "cameras.txt").write_text(f"3 {model} 640 480 {' '.join(map(str, values))}\n")
         (binary / "cameras.bin").write_bytes(struct.pack(f"<QIiQQ{len(values)}d", 1, 3, number, 640, 480, *values))
@@ -82,6 +86,13 @@ def test_a_damaged_model_is_told_in_a_line(name: str, data: bytes, tmp_path: Pat
     with pytest.raises(UnshutterError, match=f"{name} is not a COLMAP file, or damaged: ") as told:
         read_model(model)
     assert "\n" not in str(told.value)
+
+
+def test_spherical_pictures_are_refused_in_a_line(tmp_path: Path) -> None:
+    model = CAMERA.write_model(tmp_path / "sparse")
+    (model / "cameras.txt").write_text("7 EQUIRECTANGULAR 640 480 640 480\n")
+    with pytest.raises(UnshutterError, match=r"spherical pictures .*: reconstruct from the frames of each lens"):
+        read_model(model)
 
 
 def test_a_folder_without_a_model_is_told_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -176,13 +187,47 @@ def test_sideways_pictures_name_their_columns_and_direction(tmp_path: Path) -> N
         assert set(arrays["rolling_shutter"]) == {"ROLLING_RIGHT_TO_LEFT"}
 
 
-def test_a_lens_that_nerfstudio_does_not_know_is_told_in_a_line(tmp_path: Path) -> None:
+def test_each_program_gets_the_lenses_that_it_knows(tmp_path: Path) -> None:
     model, motions = CAMERA.write_model(tmp_path / "sparse"), CAMERA.write_motions(tmp_path / "motions")
-    (model / "cameras.txt").write_text(f"7 FOV {WIDTH} {HEIGHT} 500 500 320 240 0.9\n")
-    poses = unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS)
-    with pytest.raises(UnshutterError, match="nerfstudio has no camera model FOV: reconstruct with"):
+
+    def written(lines: str) -> tuple[set[str], unshutter.CameraPoses]:
+        (model / "cameras.txt").write_text(lines)
+        poses = unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS)
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
         poses.save(tmp_path / "out")
-    (model / "cameras.txt").write_text(f"7 RADIAL_FISHEYE {WIDTH} {HEIGHT} 500 320 240 0.01 0.02\n")
-    unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS).save(tmp_path / "out")
+        return {file.name for file in (tmp_path / "out").iterdir()}, poses
+
+    files, poses = written(f"7 FOV {WIDTH} {HEIGHT} 500 500 320 240 0.9\n")
+    assert files == {"poses.csv"}
+    assert "gsplat.npz is not written: gsplat has no camera model FOV" in poses.described()
+    assert "transforms.json is not written: nerfstudio has no camera model FOV" in poses.described()
+
+    files, _ = written(f"7 FULL_OPENCV {WIDTH} {HEIGHT} 500 500 320 240 .1 .2 .01 .02 .3 .4 .5 .6\n")
+    assert files == {"gsplat.npz", "poses.csv"}
+    with np.load(tmp_path / "out" / "gsplat.npz") as arrays:
+        assert np.allclose(arrays["radial_coeffs"][0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+        assert np.allclose(arrays["tangential_coeffs"][0], [0.01, 0.02])
+        assert arrays["camera_model"][0] == "pinhole"
+
+    files, _ = written(f"7 RADIAL_FISHEYE {WIDTH} {HEIGHT} 500 320 240 0.01 0.02\n")
+    assert len(files) == 3
     transforms = json.loads((tmp_path / "out" / "transforms.json").read_text())
     assert (transforms["camera_model"], transforms["k2"]) == ("OPENCV_FISHEYE", 0.02)
+    with np.load(tmp_path / "out" / "gsplat.npz") as arrays:
+        assert np.allclose(arrays["radial_coeffs"][0], [0.01, 0.02, 0, 0, 0, 0])
+        assert arrays["camera_model"][0] == "fisheye"
+
+
+def test_cameras_that_differ(tmp_path: Path) -> None:
+    model, motions = CAMERA.write_model(tmp_path / "sparse"), CAMERA.write_motions(tmp_path / "motions")
+    images = (model / "images.txt").read_text()
+    (model / "images.txt").write_text(images.replace(" 7 00003.png", " 8 00003.png"))
+    first = f"7 OPENCV {WIDTH} {HEIGHT} 500 500 320 240 0.01 0 0 0\n"
+    (model / "cameras.txt").write_text(f"{first}8 OPENCV {WIDTH} {HEIGHT} 500 500 320 240 0.02 0 0 0\n")
+    unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS).save(tmp_path / "out")
+    transforms = json.loads((tmp_path / "out" / "transforms.json").read_text())
+    assert transforms["camera_model"] == "OPENCV"  # nerfstudio looks for it here, and for coefficients in frames, too
+    assert [frame["k1"] for frame in transforms["frames"]] == [0.01, 0.02, 0.01, 0.01, 0.01]
+    (model / "cameras.txt").write_text(f"{first}8 OPENCV_FISHEYE {WIDTH} {HEIGHT} 500 500 320 240 0.02 0 0 0\n")
+    poses = unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS)
+    assert "transforms.json is not written: nerfstudio takes one camera model for all" in poses.described()

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.export import write_npz
 from unshutter.motion.shapes import Float64
 from unshutter.orientation import ScanDirection
@@ -23,11 +22,11 @@ NERFSTUDIO = "transforms.json"
 TABLE = "poses.csv"
 NAMES = (GSPLAT, NERFSTUDIO, TABLE)
 _COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
-# COLMAP's model -> nerfstudio's
-_NERFSTUDIO = {
-    **dict.fromkeys(("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"), "OPENCV"),
-    **dict.fromkeys(("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"), "OPENCV_FISHEYE"),
-}
+_BENT_LITTLE: tuple[str, ...] = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_FISHEYE: tuple[str, ...] = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE")
+# COLMAP's model -> nerfstudio's, and gsplat's
+_NERFSTUDIO = {**dict.fromkeys(_BENT_LITTLE, "OPENCV"), **dict.fromkeys(_FISHEYE, "OPENCV_FISHEYE")}
+_GSPLAT = {**dict.fromkeys((*_BENT_LITTLE, "FULL_OPENCV"), "pinhole"), **dict.fromkeys(_FISHEYE, "fisheye")}
 _TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # axes of the camera: y up, z backwards
 
 
@@ -65,11 +64,13 @@ class CameraPoses:
         pictures: in the order of the model's names.
         left_out: why pictures were left out -> their number.
         readout_s: readout time of a picture [s].
+        matched: for each camera whose pictures are not numbered as the clip's frames, which frames they show.
     """
 
     pictures: list[PicturePoses]
     left_out: Counter[str] = field(default_factory=Counter)
     readout_s: float = 0.0
+    matched: list[str] = field(default_factory=list)
 
     def described(self) -> str:
         """One line: ``24 pictures read in 20.1 ms; 2 left out (no motion file)``."""
@@ -80,7 +81,20 @@ class CameraPoses:
         if self.left_out:
             reasons = ", ".join(f"{number} {reason}" for reason, number in self.left_out.most_common())
             text += f"; {self.left_out.total()} left out ({reasons})"
-        return text
+        return "; ".join([text, *self.matched, *self.not_written])
+
+    @property
+    def not_written(self) -> list[str]:
+        """The files that cannot hold the pictures' cameras, and why."""
+        models = sorted({each.picture.camera.model for each in self.pictures})
+        left: list[str] = []
+        for file, program, held in ((GSPLAT, "gsplat", _GSPLAT), (NERFSTUDIO, "nerfstudio", _NERFSTUDIO)):
+            unheld = [model for model in models if model not in held]
+            if unheld:
+                left.append(f"{file} is not written: {program} has no camera model {', '.join(unheld)}")
+        if len({_NERFSTUDIO[model] for model in models if model in _NERFSTUDIO}) > 1:
+            left.append(f"{NERFSTUDIO} is not written: nerfstudio takes one camera model for all pictures")
+        return left
 
     def save(self, folder: str | Path, *, images: str = "images", overwrite: bool = False) -> None:
         """Writes ``gsplat.npz``, ``transforms.json`` and ``poses.csv`` into a folder (docs/guide/photogrammetry.md)."""
@@ -91,21 +105,26 @@ class CameraPoses:
 
 
 def write_poses(poses: CameraPoses, folder: Path, images: str, overwrite: bool) -> None:
-    """Writes :data:`NAMES` into a folder, which is created; all are checked before the first is written.
+    """Writes those of :data:`NAMES` that hold the cameras' models into a folder, which is created.
+
+    All are checked before the first is written.
 
     Args:
         images: folder of the pictures, as ``transforms.json`` names it.
     """
-    transforms = json.dumps(_transforms(poses, images), indent=1)
+    names = [name for name in NAMES if not any(left.startswith(f"{name} ") for left in poses.not_written)]
+    transforms = json.dumps(_transforms(poses, images), indent=1) if NERFSTUDIO in names else ""
     make_folder(folder)
     remove_leftovers(folder)
     for name in NAMES:
         check_target(folder / name, overwrite)
-    with written_whole(folder / GSPLAT, overwrite) as part:
-        write_npz(part, **_arrays(poses))
+    if GSPLAT in names:
+        with written_whole(folder / GSPLAT, overwrite) as part:
+            write_npz(part, **_arrays(poses))
     for name, text in ((NERFSTUDIO, f"{transforms}\n"), (TABLE, _table(poses))):
-        with written_whole(folder / name, overwrite) as part:
-            part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="")
+        if name in names:
+            with written_whole(folder / name, overwrite) as part:
+                part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="")
 
 
 def _arrays(poses: CameraPoses) -> dict[str, np.ndarray]:
@@ -122,17 +141,25 @@ def _arrays(poses: CameraPoses) -> dict[str, np.ndarray]:
         "widths": np.array([camera.width for camera in cameras]),
         "heights": np.array([camera.height for camera in cameras]),
         "rolling_shutter": np.array(direction),
+        "camera_model": np.array([_GSPLAT[camera.model] for camera in cameras]),
+        "radial_coeffs": _coefficients(cameras, ("k1", "k2", "k3", "k4", "k5", "k6")),
+        "tangential_coeffs": _coefficients(cameras, ("p1", "p2")),
     }
+
+
+def _coefficients(cameras: list[ColmapCamera], names: tuple[str, ...]) -> np.ndarray:
+    """Returns coefficients of the lenses [N, names], 0 where a model has none."""
+    return np.array([[camera.parameters.get(name, 0.0) for name in names] for camera in cameras], np.float32)
 
 
 def _transforms(poses: CameraPoses, images: str) -> dict[str, object]:
     """Returns nerfstudio's description of the pictures; keys that it does not know are ignored there."""
     cameras = [_intrinsics(each.picture.camera) for each in poses.pictures]
-    shared = cameras[0] if all(camera == cameras[0] for camera in cameras) else {}
+    shared = {name: value for name, value in cameras[0].items() if all(each.get(name) == value for each in cameras)}
     frames = [
         {
             "file_path": f"{images.rstrip('/')}/{_printable(each.picture.name)}",
-            **({} if shared else own),
+            **{name: value for name, value in own.items() if name not in shared},
             "transform_matrix": _camera_to_world(each, 0.5),
             "transform_matrix_first_row": _camera_to_world(each, 0.0),
             "transform_matrix_last_row": _camera_to_world(each, 1.0),
@@ -144,10 +171,6 @@ def _transforms(poses: CameraPoses, images: str) -> dict[str, object]:
 
 
 def _intrinsics(camera: ColmapCamera) -> dict[str, object]:
-    if camera.model not in _NERFSTUDIO:
-        raise UnshutterError(
-            f"nerfstudio has no camera model {camera.model}: reconstruct with --ImageReader.camera_model OPENCV"
-        )
     fx, fy = camera.focal_px
     known = camera.parameters
     return {

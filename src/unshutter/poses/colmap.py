@@ -31,6 +31,12 @@ MODELS = {
     "RADIAL_FISHEYE": "f cx cy k1 k2",
     "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
     "RAD_TAN_THIN_PRISM_FISHEYE": "fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3",
+    "SIMPLE_DIVISION": "f cx cy k1",
+    "DIVISION": "fx fy cx cy k1",
+    "SIMPLE_FISHEYE": "f cx cy",
+    "FISHEYE": "fx fy cx cy",
+    "EUCM": "fx fy cx cy alpha beta",
+    "EQUIRECTANGULAR": "w h",
 }
 _LARGEST = 1 << 33  # bytes of a file
 _MOST_SIDE = 1_000_000  # px
@@ -122,6 +128,11 @@ def _camera(model: str, width: int, height: int, parameters: list[float]) -> Col
     names = MODELS[model].split()
     if len(parameters) != len(names):
         raise ValueError(f"{model} needs {len(names)} parameters, not {len(parameters)}")
+    if model == "EQUIRECTANGULAR":
+        raise UnshutterError(
+            "the model has spherical pictures (EQUIRECTANGULAR), which no sensor reads row by row: reconstruct from "
+            "the frames of each lens"
+        )
     camera = ColmapCamera(model, width, height, dict(zip(names, parameters, strict=True)))
     if not (1 <= width <= _MOST_SIDE and 1 <= height <= _MOST_SIDE and min(camera.focal_px) > 0):
         raise ValueError(f"a camera of {width}x{height} px with a focal length of {camera.focal_px[0]:g} px")

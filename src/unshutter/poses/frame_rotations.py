@@ -58,6 +58,10 @@ class FrameRotations(ABC):
     def rotation_between(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
         """Returns the rotation from the middle line of a frame to that of a later one; None if it is unknown."""
 
+    def steps(self, camera: PictureCamera) -> Float64[np.ndarray, "frames 3 3"] | None:
+        """Returns the rotation from each frame's previous one, NaN where it is unknown; None if no frame has one."""
+        return None
+
     @abstractmethod
     def joined(self, first: int, last: int) -> bool:
         """Whether two frames are near in time, without a cut between them."""
@@ -72,6 +76,7 @@ class ClipRotations(FrameRotations):
         times = self._clip.times_s
         interval_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         self.readout_s = self._clip.ratio * interval_s
+        self._steps: tuple[PictureCamera, np.ndarray] | None = None  # those for a camera
 
     def motion(self, name: str, number: int) -> Finding:
         """See FrameRotations."""
@@ -88,15 +93,23 @@ class ClipRotations(FrameRotations):
 
     def rotation_between(self, first: int, last: int, camera: PictureCamera) -> Float64[np.ndarray, "3 3"] | None:
         """See FrameRotations."""
-        scan_direction = self._clip.scan_direction
-        rows, _ = scan_direction.frame_size(camera.height, camera.width)
         rotated = np.eye(3)
-        for step in self._clip.steps[first + 1 : last + 1]:
-            if step is None:
-                return None
-            moved = 1.0 if np.isnan(step.focal_heights) else step.focal_heights * rows / camera.focal_px
-            rotated = _in_picture(step.rotation, moved, scan_direction) @ rotated
-        return rotated
+        for step in self.steps(camera)[first + 1 : last + 1]:
+            rotated = step @ rotated
+        return None if np.isnan(rotated).any() else rotated
+
+    def steps(self, camera: PictureCamera) -> Float64[np.ndarray, "frames 3 3"]:
+        """See FrameRotations."""
+        if self._steps is None or self._steps[0] != camera:
+            scan_direction = self._clip.scan_direction
+            rows, _ = scan_direction.frame_size(camera.height, camera.width)
+            steps = np.full((len(self._clip.steps), 3, 3), np.nan)
+            for number, step in enumerate(self._clip.steps):
+                if step is not None:
+                    moved = 1.0 if np.isnan(step.focal_heights) else step.focal_heights * rows / camera.focal_px
+                    steps[number] = _in_picture(step.rotation, moved, scan_direction)
+            self._steps = camera, steps
+        return self._steps[1]
 
     def joined(self, first: int, last: int) -> bool:
         """See FrameRotations."""
@@ -155,20 +168,22 @@ def rotations_from(source: Path, clock: Clock | None) -> FrameRotations:
     return ClipRotations(source)
 
 
-def frame_number(name: str, first: int) -> int:
-    """Returns the number of the frame that a picture shows, the last number in its name, counted from 0.
+def series_and_number(name: str) -> tuple[str, int]:
+    """Returns a picture's name without the last number in it, which pictures of one camera share, and that number.
 
     Raises:
         UnshutterError: there is none.
 
     Examples:
-        >>> frame_number("film/00012.png", first=1)
-        11
+        >>> series_and_number("film/left_00012.png")
+        ('film/left_#.png', 12)
     """
-    found = _NUMBER.search(PurePosixPath(name).stem)
+    path = PurePosixPath(name)
+    found = _NUMBER.search(path.stem)
     if found is None:
         raise UnshutterError(f"{name} has no number in its name: name frames by their number, as FFmpeg's %05d does")
-    return int(found[1]) - first
+    name = f"{path.stem[: found.start()]}#{found[0][len(found[1]) :]}{path.suffix}"
+    return str(path.parent / name), int(found[1])
 
 
 def rotations_in_picture(found: Finding, camera: PictureCamera) -> Float64[np.ndarray, "lines 3 3"] | Reason:

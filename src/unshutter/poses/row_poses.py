@@ -27,14 +27,15 @@ from unshutter.options.fields import check_values, implemented_by
 from unshutter.orientation import ScanDirection
 from unshutter.poses.camera_poses import CameraPoses, PicturePoses
 from unshutter.poses.colmap import ColmapPicture, read_model
+from unshutter.poses.frame_matching import match_frames
 from unshutter.poses.frame_rotations import (
     Clock,
     FrameRotations,
     MissingMotionError,
     PictureCamera,
-    frame_number,
     rotations_from,
     rotations_in_picture,
+    series_and_number,
 )
 from unshutter.reasons import Reason
 
@@ -89,8 +90,7 @@ class _Frame:
     @property
     def camera(self) -> PictureCamera:
         """Size and focal length."""
-        camera = self.picture.camera
-        return PictureCamera(camera.height, camera.width, camera.focal_px[0])
+        return _camera_of(self.picture)
 
     @property
     def rotation(self) -> Float64[np.ndarray, "3 3"]:
@@ -112,23 +112,55 @@ def find_poses(colmap: str | Path, motions: str | Path, options: PoseOptions) ->
     """Does what :func:`camera_poses` does, with the options in one value."""
     pictures = read_model(Path(colmap))
     source = rotations_from(Path(motions), options.clock)
-    frames: list[_Frame] = []
+    frames: list[list[_Frame]] = []  # of each series, in the order of time
     left_out: Counter[str] = Counter()
-    for picture in pictures:
-        found = _frame_of(picture, source, options)
-        if isinstance(found, _Frame):
-            frames.append(found)
-        else:
-            left_out[found] += 1
-    if not frames:
+    matched: list[str] = []
+    all_series = _series(pictures, options.first_number)
+    for name, series in all_series.items():
+        numbers = _numbers(series, source)
+        if numbers is None:
+            left_out[f"of another camera or clip: that of {Path(motions).name} turned otherwise"] += len(series)
+            continue
+        if numbers != [number for number, _ in series]:
+            matched.append(_matched(name, numbers, is_only=len(all_series) == 1))
+        found = [_frame_of(picture, k, source, options) for k, (_, picture) in zip(numbers, series, strict=True)]
+        left_out.update(each for each in found if isinstance(each, str))
+        frames.append([each for each in found if isinstance(each, _Frame)])
+    if not any(frames):
         reason, count = left_out.most_common(1)[0]
         raise UnshutterError(f"no picture of {{model}} has a motion ({count}: {reason})", model=colmap)
-    frames.sort(key=lambda frame: frame.number)
-    found = [
-        _poses_of(frames, k, source, np.linspace(0, len(frame.lines) - 1, options.rows))
-        for k, frame in enumerate(frames)
+    poses = [
+        _poses_of(series, k, source, np.linspace(0, len(frame.lines) - 1, options.rows))
+        for series in frames
+        for k, frame in enumerate(series)
     ]
-    return CameraPoses(sorted(found, key=lambda poses: poses.picture.name), left_out, source.readout_s)
+    return CameraPoses(sorted(poses, key=lambda each: each.picture.name), left_out, source.readout_s, matched)
+
+
+def _series(pictures: list[ColmapPicture], first: int) -> dict[str, list[tuple[int, ColmapPicture]]]:
+    """Returns the pictures of each camera, which are named alike, with the frames that their names tell, from 0."""
+    series: dict[str, list[tuple[int, ColmapPicture]]] = {}
+    for picture in pictures:
+        name, number = series_and_number(picture.name)
+        series.setdefault(name, []).append((number - first, picture))
+    return {name: sorted(found, key=lambda each: each[0]) for name, found in series.items()}
+
+
+def _numbers(series: list[tuple[int, ColmapPicture]], source: FrameRotations) -> list[int] | None:
+    """Returns the frames that pictures show, by name or by how the camera turned; None if they are not of the clip."""
+    numbers = [number for number, _ in series]
+    steps = source.steps(_camera_of(series[0][1]))
+    if steps is None or len(set(numbers)) < len(numbers):
+        return numbers
+    rotations = np.stack([picture.world_to_camera[:3, :3] for _, picture in series])
+    return match_frames(rotations, numbers, steps)
+
+
+def _matched(name: str, numbers: list[int], *, is_only: bool) -> str:
+    """Returns what is said of pictures whose names do not fit the clip."""
+    which = "" if is_only else f" of {name}"
+    frames = ", ".join(map(str, numbers[:3]))
+    return f"the pictures{which} show frames {frames} ... {numbers[-1]}, as the camera turned, whatever their names say"
 
 
 @implemented_by(find_poses, options=PoseOptions)
@@ -162,16 +194,20 @@ def camera_poses(
     ...
 
 
-def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptions) -> _Frame | str:
+def _camera_of(picture: ColmapPicture) -> PictureCamera:
+    camera = picture.camera
+    return PictureCamera(camera.height, camera.width, camera.focal_px[0])
+
+
+def _frame_of(picture: ColmapPicture, number: int, source: FrameRotations, options: PoseOptions) -> _Frame | str:
     """Returns a picture as a frame of the video, or why its motion is unknown."""
-    number = frame_number(picture.name, options.first_number)
     camera = picture.camera
     try:
         found = source.motion(picture.name, number)
     except MissingMotionError:
         return "no motion file"
     try:
-        rotations = rotations_in_picture(found, PictureCamera(camera.height, camera.width, camera.focal_px[0]))
+        rotations = rotations_in_picture(found, _camera_of(picture))
     except UnshutterError as error:
         advice = "extract frames as they are stored (ffmpeg -noautorotate)"
         raise UnshutterError(f"{picture.name} of {camera.width}x{camera.height} px: {error}; {advice}") from None
@@ -196,7 +232,7 @@ def _frame_of(picture: ColmapPicture, source: FrameRotations, options: PoseOptio
 
 
 def _poses_of(frames: list[_Frame], k: int, source: FrameRotations, at: Float64[np.ndarray, "rows"]) -> PicturePoses:
-    """Returns the poses of a frame at lines, counted from the first that was read."""
+    """Returns the poses of one of a camera's frames at lines, counted from the first that was read."""
     frame = frames[k]
     others = [frames[j] for j in (k - 1, k + 1) if 0 <= j < len(frames)]
     near = [other for other in others if source.joined(*sorted((frame.number, other.number)))]
