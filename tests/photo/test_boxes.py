@@ -47,7 +47,7 @@ def file_of(items: list[bytes], references: list[bytes], auxiliary: dict[int, st
         ("urn:mpeg:mpegB:cicp:systems:auxiliary:depth", ("depth map",)),
         ("urn:com:apple:photo:2018:aux:portraiteffectsmatte", ("mattes",)),
         ("urn:com:apple:photo:2019:aux:semanticskinmatte", ("mattes",)),
-        ("urn:com:apple:photo:2023:aux:styledeltamap", ("auxiliary picture (styledeltamap)",)),
+        ("urn:com:apple:photo:2023:aux:styledeltamap", ("other data",)),
         ("urn:mpeg:hevc:2015:auxid:1", ()),  # transparency, which results keep
         ("urn:mpeg:mpegB:cicp:systems:auxiliary:alpha", ()),
     ],
@@ -70,8 +70,11 @@ def test_other_items_and_boxes_have_names() -> None:
     references = [reference(b"dimg", 3, 1, 4), reference(b"cdsc", 5, 1), reference(b"cdsc", 6, 1)]
     names = extras_in_words(file_of(items, references, {}, box(b"mpvd", b"film") + box(b"sefd", b"own")))
     assert names == (
-        *("a second XMP", "further pictures", "gain map", "data of other programs (text/x-own)", "IPTC", "film"),
-        "data of other programs (box sefd)",
+        "further pictures",
+        "gain map",
+        "other data",
+        "IPTC",
+        "film",
     )
 
 

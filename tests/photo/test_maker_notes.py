@@ -93,6 +93,14 @@ def test_a_note_near_the_beginning_of_exif_is_not_mistaken_for_one_that_counts_f
     assert maker_notes.move_note(own, "<", 8, 9000) == own
 
 
+def test_a_note_that_another_program_has_moved_is_found_by_its_footer() -> None:
+    """As with a Canon EOS REBEL T3i: its offsets hold for the position in the footer, not for that of the note."""
+    for was_at in (700, 900):
+        assert maker_notes.move_note(note_at(900, "<", footer=True), "<", was_at, 5000) == note_at(
+            5000, "<", footer=True
+        )
+
+
 def test_an_entry_that_a_camera_left_empty_does_no_harm() -> None:
     table = struct.pack("<HHHIIHHII", 2, 7, 7, 9, 700 + 2 + 24 + 4, 0, 0, 0, 0) + bytes(4)
     after = maker_notes.move_note(table + b"some text", "<", 700, 9000)

@@ -13,10 +13,12 @@ import io
 import re
 import struct
 from collections.abc import Iterator
+from itertools import islice
 from typing import BinaryIO, NamedTuple
 
 from unshutter.errors import UnshutterError
 from unshutter.orientation import Orientation
+from unshutter.photo.chunks import OTHER
 from unshutter.photo.libvips import Source
 
 _HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a 64-bit size
@@ -175,116 +177,67 @@ def _associations(ipma: bytes, item: int) -> list[int]:
 # ---- items ---------------------------------------------------------------------------------------------
 
 _MOST_ITEMS = 10_000
-_ALPHA = (":auxid:1", ":auxiliary:alpha")  # endings of the types of auxiliary pictures
-_DEPTH = (":auxid:2", ":auxiliary:depth")
-_METADATA = {b"Exif": "a second EXIF", b"mime": "a second XMP"}  # names for further items of these kinds
+_METADATA = (b"Exif", b"mime", b"uri ", b"iptc", b"tmap")  # kinds of items that are not pictures
 _XMP = b"application/rdf+xml"
+# names of auxiliary pictures by the endings of their types; transparency is kept
+_AUXILIARY = {
+    ":auxid:1": "",
+    ":auxiliary:alpha": "",
+    ":auxid:2": "depth map",
+    ":auxiliary:depth": "depth map",
+    "gainmap": "gain map",
+    "matte": "mattes",
+}
 _VIDEOS = (b"moov", b"mpvd")
 _STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
-_LONGEST_NAME = 40
-
-
-class _Item(NamedTuple):
-    """An item: its kind, whether viewers should hide it, and the content type if its kind is ``mime``."""
-
-    kind: bytes
-    hidden: bool
-    content_type: bytes
-
-
-class _Reference(NamedTuple):
-    """A reference from one item to others, of a certain kind."""
-
-    kind: bytes
-    item: int
-    to: tuple[int, ...]
 
 
 def extras_in_words(file: BinaryIO) -> tuple[str, ...]:
     """Names additional content of the file; empty if the file is damaged."""
     try:
         meta = in_meta(file)
-        names = [*_of_items(meta), *_of_boxes(file)]
+        names = [*_of_auxiliaries(meta), *_of_items(meta)]
     except (KeyError, IndexError, struct.error):
         return ()
-    return tuple(dict.fromkeys(names))
+    boxes = [name for name, _, _ in top_level_extents(file)]
+    names += ["film"] * any(name in _VIDEOS for name in boxes)
+    names += [OTHER] * any(name not in _VIDEOS and name not in _STRUCTURE for name in boxes)
+    return tuple(name for name in dict.fromkeys(names) if name)
 
 
-def _of_boxes(file: BinaryIO) -> Iterator[str]:
-    for name, _, _ in top_level_extents(file):
-        if name in _VIDEOS:
-            yield "film"
-        elif name not in _STRUCTURE:
-            yield f"data of other programs (box {printable(name)})"
+def _of_auxiliaries(meta: dict[bytes, bytes]) -> Iterator[str]:
+    """Yields a name for each type of auxiliary picture (property auxC)."""
+    properties = dict(inside(meta[b"iprp"]))[b"ipco"]
+    for name, data in inside(properties):
+        if name == b"auxC":
+            kind = data[4:].partition(b"\0")[0].decode(errors="replace").lower()
+            yield next((words for ending, words in _AUXILIARY.items() if kind.endswith(ending)), OTHER)
 
 
 def _of_items(meta: dict[bytes, bytes]) -> Iterator[str]:
-    items = _items(meta[b"iinf"])
-    references = _references(meta.get(b"iref", bytes(4)))
-    primary = _primary(meta)
-    auxiliary = {one.item: one.to for one in references if one.kind == b"auxl"}
-    described = {one.item: one.to for one in references if one.kind == b"cdsc"}
-    parts = {primary, *(part for one in references if one.kind == b"dimg" for part in one.to)}
-    parts |= {one.item for one in references if one.kind in (b"thmb", b"auxl")}
-    descriptions = {
-        number: item.kind
-        for number, item in items.items()
-        if _is_metadata(item) and primary in described.get(number, (primary,))
-    }
-    for kind, name in _METADATA.items():
-        if list(descriptions.values()).count(kind) > 1:
-            yield name
-    for number, item in items.items():
-        if primary in auxiliary.get(number, ()):
-            yield from _auxiliary_in_words(meta, number)
-        elif not _is_metadata(item) and number not in parts:
-            yield from _item_in_words(item)
-
-
-def _is_metadata(item: _Item) -> bool:
-    return item.kind in _METADATA and (item.kind != b"mime" or item.content_type == _XMP)
-
-
-def _item_in_words(item: _Item) -> Iterator[str]:
-    """Names an item that is neither part of the primary picture nor a thumbnail; nothing for hidden pictures."""
-    if item.kind == b"tmap":
-        yield "gain map"
-    elif item.kind == b"iptc":
-        yield "IPTC"
-    elif item.kind in (b"mime", b"uri "):
-        yield f"data of other programs ({printable(item.content_type) or 'uri'})"
-    elif not item.hidden:
-        yield "further pictures"
-
-
-def _auxiliary_in_words(meta: dict[bytes, bytes], item: int) -> Iterator[str]:
-    """Names an auxiliary picture by its property auxC; nothing for transparency, which results keep."""
-    own = dict(_properties(meta, item))
-    kind = own.get(b"auxC", b"")[4:].partition(b"\0")[0].decode(errors="replace").lower()
-    if kind.endswith(_DEPTH):
-        yield "depth map"
-    elif "gainmap" in kind:
-        yield "gain map"
-    elif kind.endswith("matte"):
-        yield "mattes"
-    elif not kind.endswith(_ALPHA):
-        name = printable(kind.rpartition(":")[2].encode())
-        yield f"auxiliary picture ({name})" if name else "auxiliary picture"
+    """Yields names of items other than the primary picture, its parts, EXIF and XMP, thumbnails, and hidden ones."""
+    references = list(_references(meta.get(b"iref", bytes(4))))
+    parts = {_primary(meta), *(part for kind, _, to in references if kind == b"dimg" for part in to)}
+    parts |= {item for kind, item, _ in references if kind in (b"thmb", b"auxl")}
+    for data in islice(item_entries(meta[b"iinf"]), _MOST_ITEMS):
+        if data[0] < 2:
+            continue
+        number, at = _number_of(data)
+        kind = data[at : at + 4]
+        content_type = data[at + 4 :].split(b"\0")[1:2]
+        if kind == b"tmap":
+            yield "gain map"
+        elif kind == b"iptc":
+            yield "IPTC"
+        elif kind == b"uri " or (kind == b"mime" and content_type != [_XMP]):
+            yield OTHER
+        elif kind not in _METADATA and number not in parts and not data[3] & 1:
+            yield "further pictures"
 
 
 def item_entries(iinf: bytes) -> Iterator[bytes]:
     """Yields the contents of the boxes infe, one for each item."""
     return (data for name, data in inside(iinf[6 if iinf[0] == 0 else 8 :]) if name == b"infe")
-
-
-def _items(iinf: bytes) -> dict[int, _Item]:
-    items: dict[int, _Item] = {}
-    for data in item_entries(iinf):
-        if data[0] >= 2 and len(items) < _MOST_ITEMS:
-            number, at = _number_of(data)
-            _, _, texts = data[at + 4 :].partition(b"\0")
-            items[number] = _Item(data[at : at + 4], bool(data[3] & 1), texts.partition(b"\0")[0])
-    return items
 
 
 def _number_of(entry: bytes) -> tuple[int, int]:
@@ -293,21 +246,13 @@ def _number_of(entry: bytes) -> tuple[int, int]:
     return struct.unpack_from(">I" if is_wide else ">H", entry, 4)[0], 10 if is_wide else 8
 
 
-def _references(iref: bytes) -> list[_Reference]:
+def _references(iref: bytes) -> Iterator[tuple[bytes, int, tuple[int, ...]]]:
+    """Yields (kind, item, the items that it refers to) of the references between items."""
     form = "I" if iref[0] else "H"
     size = struct.calcsize(form)
-    references = []
-    for kind, data in inside(iref[4:]):
+    for kind, data in islice(inside(iref[4:]), _MOST_ITEMS):
         number, count = struct.unpack_from(f">{form}H", data)
-        references.append(_Reference(kind, number, struct.unpack_from(f">{count}{form}", data, size + 2)))
-        if len(references) >= _MOST_ITEMS:
-            break
-    return references
-
-
-def printable(name: bytes, most: int = _LONGEST_NAME) -> str:
-    """Returns the printable ASCII characters among the first of a name."""
-    return "".join(chr(byte) for byte in name[:most] if 32 < byte < 127)
+        yield kind, number, struct.unpack_from(f">{count}{form}", data, size + 2)
 
 
 # ---- positions -----------------------------------------------------------------------------------------

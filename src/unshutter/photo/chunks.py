@@ -19,6 +19,7 @@ from typing import BinaryIO, NamedTuple
 
 from unshutter.photo.directories import EXIF_PREFIX, Entry, Tree
 
+OTHER = "other data"  # what results lack that has no name of its own: chunks, segments, tags of other programs
 _PIECE = 1 << 20  # bytes read at once, because pictures may be larger than memory
 
 # ---- files ---------------------------------------------------------------------------------------------
@@ -53,7 +54,7 @@ def insert(file: BinaryIO, at: int, data: bytes) -> None:
 SIGNATURE_BYTES = 8
 TEXTS = frozenset({b"tEXt", b"zTXt", b"iTXt"})
 COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
-_NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these are meaningful beyond PNG
+_MEANINGLESS_ELSEWHERE = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"pHYs", b"tIME"})  # or kept in another way
 _USUAL_GAMMA = struct.pack(">I", 45455)
 _USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
 _LARGEST = 1 << 26  # most data of a chunk [bytes]
@@ -124,22 +125,18 @@ def heads_before_pixels(file: BinaryIO) -> Iterator[tuple[int, bytes, int]]:
 
 def lost_in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:
     """Yields names of what is lost without chunks; not colours, if a profile describes them or they are sRGB's."""
-    names = {name for name, _ in chunks}
+    by_name = dict(chunks)
+    names = by_name.keys()
     if names & TEXTS:
         yield "texts"
-    by_name = dict(chunks)
     are_usual = b"sRGB" in names or (
         by_name.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA
         and by_name.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
     )
-    if not has_profile and names & {b"gAMA", b"cHRM"} and not are_usual:
-        yield "colours (gAMA and cHRM)"
-    if b"bKGD" in names:
-        yield "background colour (bKGD)"
-    if b"mDCV" in names or b"cLLI" in names:
-        yield "brightness of the screen (mDCV, cLLI)"
-    if any(name not in _NAMED for name in names):
-        yield "chunks of other programs"
+    if not has_profile and not are_usual:
+        yield "colours"
+    if names - TEXTS - _MEANINGLESS_ELSEWHERE:
+        yield OTHER
 
 
 # ---- segments of JPEG ----------------------------------------------------------------------------------

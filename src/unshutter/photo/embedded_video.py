@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from unshutter.photo import boxes, maker_notes
+from unshutter.photo.chunks import OTHER
 from unshutter.photo.xmp import VideoPlace
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ _STILL_VALID = (_VIDEO, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
 _HEAD = b"SEFH"
 _FOOT = b"SEFT"
 _LONGEST_DIRECTORY = 1 << 16  # bytes
-_LONGEST_NAME = 100
 _BOX = b"mpvd"  # in a HEIC
 _MAX_VIDEO_BYTES = 1 << 28  # bytes
 _MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
@@ -115,10 +115,6 @@ class _Block(NamedTuple):
     data: bytes  # kind, length of the name, name, content
 
     @property
-    def name(self) -> bytes:
-        return self.data[8 : self.content_at]
-
-    @property
     def content_at(self) -> int:
         return 8 + int.from_bytes(self.data[4:8], "little")
 
@@ -143,8 +139,9 @@ def _in_trailer(file: BinaryIO) -> AppendedVideo | None:
         return None
     kept = [block for block in blocks if block.kind in _STILL_VALID]
     before = sum(len(block.data) for block in kept[: kept.index(video)])
-    names = (boxes.printable(block.name, _LONGEST_NAME) for block in blocks if block.kind not in _STILL_VALID)
-    gone = tuple(f"{name or 'a block'} (Samsung)" for name in names)
+    gone = tuple(
+        "depth map" if b"DepthMap" in block.data else OTHER for block in blocks if block.kind not in _STILL_VALID
+    )
     return AppendedVideo(
         _trailer(version, kept), before + video.content_at, len(video.data) - video.content_at, length, gone
     )

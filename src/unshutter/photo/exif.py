@@ -210,30 +210,28 @@ def without_geotiff(blob: bytes | None) -> bytes | None:
 def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
     """Returns the blob, without its longest tags if it exceeds this number of bytes; None if nothing can be saved.
 
-    The maker note, which may contain previews, is removed first. Also returns the names of the omitted parts.
+    The maker note, which may contain previews, is removed first. Also returns the names of what is left out.
     """
     if len(blob) <= most:
         return blob, []
     tree = read(blob)
     camera_tags = _of_the_camera(tree)
     if not camera_tags:
-        return None, ["EXIF (too long)"]
-    left_out = 0
+        return None, ["EXIF"]
     details = camera_tags.get(tiff.EXIF)
     note = details.pop(tiff.MAKER_NOTE, None) if isinstance(details, dict) else None
-    names = ["maker's note (too long)"] if note is not None else []
+    left_out = ["maker's note"] if note is not None else []
+    if len(_blob_of(camera_tags, tree)) > most:
+        left_out.append("long tags of EXIF")
     while len(shorter := _blob_of(camera_tags, tree)) > most:
         excess = len(shorter) - most
         by_size = sorted(_entries(camera_tags), key=lambda item: -len(item[2].data))
         for directory, tag, entry in by_size:
             del directory[tag]
-            left_out += 1
             excess -= len(entry.data) + _ENTRY_BYTES
             if excess <= 0:
                 break
-    if left_out:
-        names.append(f"{left_out} of EXIF's tags (too long)" if left_out > 1 else "a tag of EXIF (too long)")
-    return shorter, names
+    return shorter, left_out
 
 
 def _entries(directory: tiff.Directory) -> Iterator[tuple[tiff.Directory, int, tiff.Entry]]:

@@ -75,7 +75,7 @@ def is_incomplete(tree: tiff.Tree) -> bool:
         return False
     if note.data.startswith(_NIKON):
         return _preview_is_outside(note.data[_NIKON_HEAD:])
-    directory = _from_outside(note.data, tree.order, tree.note_at)
+    directory = _from_outside(note.data, tree.order, _offsets_begin(note.data, tree.note_at))
     return directory is not None and bool(directory.elsewhere)
 
 
@@ -90,6 +90,7 @@ def move_note(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
 
     Returns the note unchanged if its offsets are relative to the note, or unreadable.
     """
+    was_at = _offsets_begin(note, was_at)
     directory = _from_outside(note, order, was_at)
     if directory is None:
         return note
@@ -97,12 +98,15 @@ def move_note(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
     for slot in directory.inside:
         (offset,) = struct.unpack_from(directory.order + "I", note, slot.value_at)
         struct.pack_into(directory.order + "I", changed, slot.value_at, offset - was_at + is_at)
-    _follow_footer(changed, was_at, is_at)
+    if footer_order := _footer_order(note):
+        struct.pack_into(footer_order + "I", changed, len(note) - 4, is_at)
     return bytes(changed)
 
 
 def _completed(note: bytes, order: str, was_at: int, whole: bytes) -> bytes:
     """Appends values that lie elsewhere in EXIF (``whole``) to the note."""
+    if _offsets_begin(note, was_at) != was_at:
+        return note
     for directory in _directories(note, order, was_at):
         stray = [(slot, at, size) for slot, at, size in directory.elsewhere if 8 <= at <= len(whole) - size]
         all_are_in_exif = len(stray) == len(directory.elsewhere) >= _SURELY and not directory.from_within
@@ -188,7 +192,14 @@ def _preview_is_outside(own: bytes) -> bool:
     return begin is not None and length is not None and begin + length > len(own)
 
 
-def _follow_footer(note: bytearray, was_at: int, is_at: int) -> None:
-    order = tiff.BYTE_ORDERS.get(bytes(note[-_FOOTER_BYTES:-4]))
-    if order and struct.unpack_from(order + "I", note, len(note) - 4)[0] == was_at:
-        struct.pack_into(order + "I", note, len(note) - 4, is_at)
+def _offsets_begin(note: bytes, at: int) -> int:
+    """Returns the position of the note for which its offsets hold: that in its footer, otherwise where it is now.
+
+    They differ after another program has moved the note without adjusting it.
+    """
+    order = _footer_order(note)
+    return struct.unpack_from(order + "I", note, len(note) - 4)[0] if order else at
+
+
+def _footer_order(note: bytes) -> str | None:
+    return tiff.BYTE_ORDERS.get(note[-_FOOTER_BYTES:-4])

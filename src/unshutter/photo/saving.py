@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 
 _THUMBNAIL_SIDE = 160  # px
-_NAMED = 4  # number of omitted parts to name; the others are counted
 
 
 class Encoded(NamedTuple):
@@ -42,11 +41,8 @@ def describe_left_out(left_out: Sequence[str]) -> str:
     """Lists the metadata that a file cannot hold in one line for the user; empty if there are none."""
     if not left_out:
         return ""
-    named = list(dict.fromkeys(left_out))
-    more = [f"{len(named) - _NAMED} more"] if len(named) > _NAMED else []
-    named = [*named[:_NAMED], *more]
-    listed = " and ".join([", ".join(named[:-1]), named[-1]]) if len(named) > 1 else named[0]
-    return f"not written: {listed}"
+    *others, last = dict.fromkeys(left_out)
+    return f"not written: {', '.join(others)} and {last}" if others else f"not written: {last}"
 
 
 class FileOutput(ABC):
@@ -187,13 +183,13 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     blob = metadata.exif
     profile = metadata.icc
     if profile is not None and profile[16:20] not in (b"RGB ", b"GRAY"):  # libvips would leave it out
-        left_out.append(f"colour profile (for {profile[16:20].decode('latin-1').strip() or 'other'} colours)")
+        left_out.append("colour profile")
         profile = None
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
             blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
-            left_out += [] if exif.has_thumbnail(blob) else ["thumbnail (no room for a new one)"]
+            left_out += [] if exif.has_thumbnail(blob) else ["thumbnail"]
     blob = exif.with_orientation(blob, orientation)
     return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources), left_out
 

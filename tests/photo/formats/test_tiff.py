@@ -267,9 +267,9 @@ def test_a_description_goes_along_as_exif_does():
 
 def test_tags_that_nobody_knows_are_named():
     photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={65000: "mine", 37724: b"layers"}))
-    assert photo.encode().left_out == ("Photoshop's layers", "tag 65000")
+    assert photo.encode().left_out == ("Photoshop's layers", "other data")
     photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=exif_blob(**{"37510": "misplaced", "59932": b"free"})))
-    assert photo.encode("tiff").left_out == ("tag 37510",) and photo.encode("png").left_out == ()
+    assert photo.encode("tiff").left_out == ("other data",) and photo.encode("png").left_out == ()
 
 
 def test_colours_multiplied_by_their_opacity_are_divided_by_it():

@@ -150,12 +150,10 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     video = appended_video(file, xmp.video_bytes(metadata.xmp))
     if video is not None:
         left_behind += video.left_behind
-    for start, name in ((EXIF_PREFIX, "a second EXIF"), (_XMP, "a second XMP")):
-        if len(_beginning(listed, APP1, start)) > 1:
-            left_behind.append(name)
+    left_behind += [chunks.OTHER for start in (EXIF_PREFIX, _XMP) if len(_beginning(listed, APP1, start)) > 1]
     has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which are named elsewhere
     if not has_pictures and bytes_behind(file) > (video.taken_from if video else 0):
-        left_behind.append("data behind the picture")
+        left_behind.append(chunks.OTHER)
     return replace(
         metadata,
         exif=next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None),
@@ -177,10 +175,10 @@ def _lost(marker: int, content: bytes, packet: bytes | None) -> str:
     if marker == COMMENT or content.startswith(_READ.get(marker, b"\0nothing")):
         return ""
     if marker == APP1 and content.startswith(_MORE_XMP):
-        return "XMP beyond the first 64 kB"
+        return "XMP (beyond the first 64 kB)"
     if marker == APP2 and content.startswith(_PICTURES):
-        return "" if xmp.has_gain_map(packet) else "previews or further pictures"  # gain maps are named as such
-    return f"data of other programs (APP{marker - APP0})"
+        return "" if xmp.has_gain_map(packet) else "further pictures"  # gain maps are named as such
+    return chunks.OTHER
 
 
 # ---- encoding ------------------------------------------------------------------------------------------

@@ -34,14 +34,7 @@ _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
 # Chunks that belong to the encoding of the old pixels and mean nothing to a photographer: palettes, Apple's list of
 # offsets, frames of a still picture.
 _OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"iCCP", b"acTL", b"fcTL", b"iDOT"})
-_IN_WORDS = {
-    b"caBX": "content credentials",
-    b"prVW": "a preview",
-    b"sBIT": "significant bits (sBIT)",
-    b"sPLT": "a suggested palette (sPLT)",
-    b"bKGD": "background colour (bKGD)",
-    b"dSIG": "digital signature (dSIG)",
-}
+_CREDENTIALS = b"caBX"
 _PALETTE = 3  # a colour type
 _BACKGROUND_BYTES = {0: 2, 2: 6, 4: 2, 6: 6}  # by colour type
 _ONE_FRAME = struct.pack(">I", 1)
@@ -68,7 +61,7 @@ class Png(WrittenFormat):
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         resolution = Resolution(image.xres, image.yres)
         profile = own.icc or field(image, "icc-profile-data")
-        lost = () if profile or not packed_profile else ("colour profile (unusable)",)
+        lost = () if profile or not packed_profile else ("colour profile",)
         metadata = replace(own, icc=profile, resolution=resolution, left_behind=(*own.left_behind, *lost))
         header = picture_format.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
@@ -125,7 +118,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
     palette = b""
     for name, data in chunks.chunks_of(file, skipped=_PIXELS):
         if data is None:
-            lost.append("damaged chunks")
+            lost.append(chunks.OTHER)
         elif name == b"eXIf":
             blobs["exif"] = data  # takes precedence over a text
         elif name in TEXTS and (hidden := _metadata_in(name, data, blobs)) is not None:
@@ -140,8 +133,8 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
         elif (copied := _carried(name, data, (depth, colour_type), palette)) is not None:
             carried.append((name, copied))
         elif name not in _OF_THE_CODING:
-            lost.append(_IN_WORDS.get(name, f"chunk {name.decode('latin-1')}"))
-    return _metadata(source, blobs, carried, lost + ["data behind the picture"] * chunks.has_data_behind(file))
+            lost.append("content credentials" if name == _CREDENTIALS else chunks.OTHER)
+    return _metadata(source, blobs, carried, lost + [chunks.OTHER] * chunks.has_data_behind(file))
 
 
 def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) -> bytes | None:

@@ -255,9 +255,9 @@ def _whole_exif(tree: Tree) -> bytes | None:
 def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
     """Yields the names of metadata in a raw file that cannot be read here."""
     if tree is None:
-        yield "EXIF (not read from this kind of raw file)"
+        yield "EXIF"
     elif _PRIVATE_DATA in tree.pages[0]:
-        yield "the maker's private data"
+        yield chunks.OTHER
     if tree is not None and _whole_exif(tree) is None and maker_notes.is_incomplete(tree):
         yield "parts of the maker's note"
     file.seek(0)

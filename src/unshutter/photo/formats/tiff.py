@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -105,7 +104,7 @@ class Tiff(WrittenFormat):
         if picture.masked:  # libvips declares it as transparency
             more[_EXTRA_SAMPLES] = Entry(_SHORT, 1, struct.pack("=H", _UNSPECIFIED))
         if exif.add_to_tiff(file, metadata.exif, image.height, image.width, more):
-            return [*_unknown_tags(exif.read(metadata.exif))]
+            return _unknown_tags(exif.read(metadata.exif))
         return ["EXIF and IPTC (the TIFF is too large)"]
 
 
@@ -139,10 +138,7 @@ def _extra_samples(tree: Tree) -> int:
     return samples - _COLOURS.get(tree.number(_PHOTOMETRIC), samples)
 
 
-def _unknown_tags(tree: Tree) -> Iterator[str]:
+def _unknown_tags(tree: Tree) -> list[str]:
     """Names private tags that no TIFF result contains; lower tags are copied, or belong to the old encoding."""
-    for tag in tree.pages[0]:
-        if tag == _LAYERS:
-            yield "Photoshop's layers"
-        elif tag >= _PRIVATE and tag not in _CARRIED and not exif.is_carried(tag):
-            yield f"tag {tag}"
+    unknown = {tag for tag in tree.pages[0] if tag >= _PRIVATE and tag not in _CARRIED and not exif.is_carried(tag)}
+    return ["Photoshop's layers"] * (_LAYERS in unknown) + [chunks.OTHER] * bool(unknown - {_LAYERS})

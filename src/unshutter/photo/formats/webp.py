@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, final
 
+from unshutter.photo.chunks import OTHER
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
@@ -114,16 +115,14 @@ def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
     lost: list[str] = []
     for chunk in _chunks(file):
         attribute = _METADATA.get(chunk.name)
-        if attribute in blobs:
-            lost.append(f"a second {attribute.upper()}")
-        elif attribute is not None:
+        if attribute is not None and attribute not in blobs:
             blobs[attribute] = _data(file, chunk)
         elif chunk.name not in _OF_THE_CODING:
-            lost.append(f"chunk {chunk.name.decode('latin-1').strip()}" if chunk.name.isalnum() else "odd chunks")
+            lost.append(OTHER)
     file.seek(4)
     file.seek(8 + int.from_bytes(file.read(4), "little"))  # to the end that the header states
     if file.read(_LONGEST).strip(b"\0"):
-        lost.append("data behind the picture")
+        lost.append(OTHER)
     return replace(
         metadata,
         exif=blobs.get("exif") or None,
