@@ -45,7 +45,7 @@ def test_impossible_requests_are_usage_errors(tmp_path):
         with pytest.raises(UsageError) as error:
             use()
         one_line(error)
-    with pytest.raises(UnshutterError, match="WEBP, whose limit is 16383 px"):
+    with pytest.raises(UnshutterError, match="WebP, whose limit is 16383 px"):
         Photo.from_array(np.zeros((1, 16384), np.uint8)).to_bytes("webp")
     with pytest.raises(UnshutterError, match="uint8 or uint16"):
         photo.with_pixels(photo.pixels.astype(float))
