@@ -7,7 +7,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from support.browser import SLOW_MS, QuietBrowser, browser
+from support.browser import SLOW_MS, QuietBrowser, browser, drop, wait_for
 from support.page_server import Server, served
 
 
@@ -66,3 +66,22 @@ def page(chromium: Browser, tabs: BrowserContext, server: Server) -> Iterator[Pa
     for tab in tabs.pages[1:]:
         tab.close()
     assert not errors
+
+
+@pytest.fixture
+def street(page: Page, photo: Path) -> Page:
+    """The page with a photo that was straightened."""
+    drop(page, photo)
+    wait_for(page)
+    return page
+
+
+@pytest.fixture
+def phone(chromium: Browser, server: Server) -> Iterator[Page]:
+    """The page on a phone that is held upright."""
+    page = chromium.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.set_default_timeout(SLOW_MS)
+    expect.set_options(timeout=SLOW_MS)
+    page.goto(server.link)
+    yield page
+    page.close()

@@ -8,20 +8,20 @@ import httpx
 import numpy as np
 import pytest
 
-from support.page_server import opened
+from support.batches import rectified
+from support.page_server import facts, opened
 from unshutter import RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.orientation import Orientation
 from unshutter.page.photo_jobs import _shape
 from unshutter.page.screen import pixels_of, shares
+from unshutter.photo import Photo
 
 UPRIGHTS = json.dumps([["upright", 0.2, 0.1, 0.2, 0.9], ["upright", 0.8, 0.1, 0.8, 0.9]])
 
 
 def _after(client: httpx.Client, id: str, **options: str) -> dict:
-    answer = client.get(f"/api/photos/{id}/after", params={"longest": "320", **options})
-    assert answer.status_code == 200, answer.text
-    return json.loads(answer.headers["unshutter-result"])
+    return facts(client.get(f"/api/photos/{id}/after", params={"longest": "320", **options}))
 
 
 @pytest.mark.parametrize("orientation", list(Orientation))
@@ -48,21 +48,15 @@ def test_numbers_start_at_the_estimate_and_change_it(client: httpx.Client, photo
 def test_what_is_saved_is_what_the_motion_file_says(
     client: httpx.Client, server_home: Path, photo: Path, tmp_path: Path
 ) -> None:
-    from support.batches import rectify
-
     id = opened(client, photo)
     wishes = {"lean-deg": "-3", "bend-percent": "1", "turn-deg": "1.5", "edges": "keep", "strength": "1.5"}
     (tmp_path / "motion.json").write_text(client.get(f"/api/photos/{id}/motion", params=wishes).text)
-    flags = ["--motion", tmp_path / "motion.json", "--edges", "keep", "--strength", "1.5"]
-    assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
-    picture = client.get(f"/api/photos/{id}/picture", params=wishes)
-    assert picture.content == (tmp_path / "expected.jpg").read_bytes()
+    expected = rectified(photo, "--motion", tmp_path / "motion.json", "--edges", "keep", "--strength", "1.5")
+    assert client.get(f"/api/photos/{id}/picture", params=wishes).content == expected
     assert not list(server_home.rglob("hand-*.json"))  # a file that nothing would read
 
 
 def test_lines_straighten_a_photo_that_shows_nothing(client: httpx.Client, tmp_path: Path) -> None:
-    from unshutter.photo import Photo
-
     Photo.from_array(np.full((300, 400, 3), 128, np.uint8)).save(tmp_path / "grey.png")
     id = opened(client, tmp_path / "grey.png")
     assert not _after(client, id)["changed"]

@@ -1,9 +1,9 @@
 """Clips over the API: looked at, made as on the command line, refused in one line."""
 
+import asyncio
 import io
 import json
 import time
-import zipfile
 from pathlib import Path
 from types import ModuleType
 
@@ -15,7 +15,20 @@ import pytest
 from support import clips
 from support.covering import thorough
 from support.hand_held import hand, pan
-from support.page_server import TOKEN, Asking, becomes, desk, events, served, temporary_folders
+from support.page_server import (
+    TOKEN,
+    Asking,
+    becomes,
+    desk,
+    events,
+    facts,
+    opened,
+    saving,
+    sent,
+    served,
+    temporary_folders,
+    zipped,
+)
 from unshutter import version
 from unshutter.cli import main
 from unshutter.cli.arguments import parse
@@ -52,28 +65,24 @@ def long_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return clips.write(path, GREYS * 40, options={"preset": "ultrafast"})
 
 
-def _opened(client: httpx.Client, clip: Path, name: str = "walk.mp4") -> str:
-    answer = client.post("/api/clips", content=clip.read_bytes(), headers={"Unshutter-Name": name})
-    assert answer.status_code == 201
-    return answer.json()["id"]
+def _told_of(client: httpx.Client, id: str, options: dict[str, str] = RATIO) -> dict:
+    """Saves a clip as a file; returns what is told of it, and the task's id."""
+    task = saving(client, [{"id": id, "options": options}], "file")
+    told = list(events(client, task))[-1]
+    assert told["state"] == "finished"
+    return told["done"][0] | {"task": task}
 
 
-def _saving(client: httpx.Client, id: str, to: str = "file", options: dict[str, str] = RATIO) -> dict:
-    answer = client.post("/api/saves", json={"to": to, "photos": [{"id": id, "options": options}]})
-    assert answer.status_code == 202
-    return answer.json()
-
-
-def _wait_for_frames(client: httpx.Client, id: str) -> None:
-    for told in events(client, id):
+def _wait_for_frames(client: httpx.Client, task: str) -> None:
+    for told in events(client, task):
         assert told["state"] == "working"
         if told["now"] and told["now"].get("done"):
             return
     raise AssertionError("no frame was told of")
 
 
-def _fetched(client: httpx.Client, id: str, to: Path) -> Path:
-    answer = client.get(f"/api/saves/{id}/file")
+def _fetched(client: httpx.Client, task: str, to: Path) -> Path:
+    answer = client.get(f"/api/saves/{task}/file")
     assert answer.status_code == 200
     to.write_bytes(answer.content)
     return to
@@ -109,15 +118,13 @@ def test_a_clip_is_the_command_lines(
 ) -> None:
     flags = [word for name, value in options.items() for word in (f"--{name}", value)]
     assert main(["video", str(lossless), "-o", str(tmp_path / "expected.mkv"), *flags]) == 0
-    id = _opened(client, lossless, "walk.mkv")
-    saving = _saving(client, id, options=options)
-    told = list(events(client, saving["id"]))[-1]
-    assert told["state"] == "finished" and told["done"][0]["frames"] == 20
-    answer = client.get(f"/api/saves/{saving['id']}/file")
+    told = _told_of(client, opened(client, lossless, "clips"), options)
+    assert told["frames"] == 20
+    answer = client.get(f"/api/saves/{told['task']}/file")
     assert json.loads(answer.headers["unshutter-name"]) == "walk.rectified.mkv"
-    _are_alike(_fetched(client, saving["id"], tmp_path / "saved.mkv"), tmp_path / "expected.mkv")
-    client.delete(f"/api/saves/{saving['id']}")
-    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+    _are_alike(_fetched(client, told["task"], tmp_path / "saved.mkv"), tmp_path / "expected.mkv")
+    client.delete(f"/api/saves/{told['task']}")
+    assert client.get(f"/api/saves/{told['task']}/file").status_code == 404
 
 
 def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) -> None:
@@ -125,19 +132,18 @@ def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) 
     greys = [np.ascontiguousarray(np.rot90(grey, 3)) for grey in clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]]
     video = clips.write(tmp_path / "turned.mkv", greys, "ffv1")
     assert main(["video", str(video), "-o", str(tmp_path / "expected.mkv")]) == 0
-    id = _opened(client, video, "turned.mkv")
+    id = opened(client, video, "clips")
     assert client.get(f"/api/clips/{id}/readout").json()["direction"] == "right-to-left"
-    after = client.get(f"/api/clips/{id}/after", params={"moment": "2"})
-    assert json.loads(after.headers["unshutter-result"])["changed"]
-    saving = _saving(client, id, options={})
-    assert list(events(client, saving["id"]))[-1]["done"][0]["rectified"] == 40
-    saved = _fetched(client, saving["id"], tmp_path / "saved.mkv")
+    assert facts(client.get(f"/api/clips/{id}/after", params={"moment": "2"}))["changed"]
+    told = _told_of(client, id, {})
+    assert told["rectified"] == 40
+    saved = _fetched(client, told["task"], tmp_path / "saved.mkv")
     assert saved.read_bytes() == (tmp_path / "expected.mkv").read_bytes()
 
 
 def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Only options that the plan depends on ask for another; the bytes are the command line's in any case."""
-    video = clips.write(tmp_path / "walk.mkv", clips.moving(40)[1], "ffv1")
+    video = clips.write(tmp_path / "walk.mkv", clips.moving(28)[1], "ffv1")
     stored = OpenFile("x", "clip", "walk.mkv", video, 1_000_000)
     asked: list[str] = []
 
@@ -150,61 +156,54 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
     clip_jobs.measure_readout_time(stored, RectifyClip())
     clip_jobs.after(stored, RectifyClip(), 2, 320)
     judged = ["sample_frames", "gain_of_clip"]
-    for number, (flags, again) in enumerate(
-        (
-            ({}, []),
-            ({"edges": "keep", "zoom-limit": "5", "stabilize": "2"}, []),
-            ({"strength": "0.5"}, ["gain_of_clip"]),
-            ({"strength": "0.5"}, []),
-            ({"end": "1"}, judged),
-        )
+    result, expected = tmp_path / "saved.mkv", tmp_path / "expected.mkv"
+    for flags, again in (
+        ({"edges": "keep", "zoom-limit": "5", "stabilize": "2"}, []),
+        ({"end": "0.8"}, judged),
+        ({"strength": "0.5"}, ["gain_of_clip"]),
+        ({"strength": "0.5"}, []),
     ):
         asked.clear()
-        result = tmp_path / f"saved{number}.mkv"
+        result.unlink(missing_ok=True)
         clip_jobs.rectified(stored, result, read_clip(flags), ProgressFile(tmp_path / "progress.json"))
         assert asked == again
-        words = [word for flag, value in flags.items() for word in (f"--{flag}", value)]
-        assert main(["video", str(video), "-o", str(tmp_path / f"expected{number}.mkv"), *words]) == 0
-        assert result.read_bytes() == (tmp_path / f"expected{number}.mkv").read_bytes()
+    assert main(["video", str(video), "-o", str(expected), "--strength", "0.5"]) == 0
+    assert result.read_bytes() == expected.read_bytes()
 
 
 def test_a_clip_that_is_closed_while_it_is_saved(client: httpx.Client, long_walk: Path, tmp_path: Path) -> None:
-    id = _opened(client, long_walk)
-    saving = _saving(client, id, options=RATIO | {"end": "3"})
-    _wait_for_frames(client, saving["id"])
+    id = opened(client, long_walk, "clips")
+    task = saving(client, [{"id": id, "options": RATIO | {"end": "3"}}], "file")
+    _wait_for_frames(client, task)
     assert client.delete(f"/api/clips/{id}").status_code == 204
     assert client.get(f"/api/clips/{id}/before").status_code == 404
-    told = list(events(client, saving["id"]))[-1]
+    told = list(events(client, task))[-1]
     assert told["done"][0].get("frames") == 90, told
-    assert len(clips.luma(_fetched(client, saving["id"], tmp_path / "saved.mp4"))) == 90
+    assert len(clips.luma(_fetched(client, task, tmp_path / "saved.mp4"))) == 90
 
 
 def test_moments(client: httpx.Client, walk: Path) -> None:
-    id = _opened(client, walk)
+    id = opened(client, walk, "clips")
     before = client.get(f"/api/clips/{id}/before", params={"longest": "320", "moment": "2"})
-    facts = json.loads(before.headers["unshutter-result"])
-    assert (facts["width"], facts["height"]) == (192, 144)
-    assert facts["moments_s"] == pytest.approx([(k + 0.5) / 5 * 20 / 30 for k in range(5)])
-    part = client.get(f"/api/clips/{id}/before", params={"start": "0.2", "end": "0.4"})
-    assert json.loads(part.headers["unshutter-result"])["moments_s"] == pytest.approx(
-        [0.22, 0.26, 0.3, 0.34, 0.38], abs=1e-6
-    )
+    told = facts(before)
+    assert (told["width"], told["height"]) == (192, 144)
+    assert told["moments_s"] == pytest.approx([(k + 0.5) / 5 * 20 / 30 for k in range(5)])
+    part = facts(client.get(f"/api/clips/{id}/before", params={"start": "0.2", "end": "0.4"}))
+    assert part["moments_s"] == pytest.approx([0.22, 0.26, 0.3, 0.34, 0.38], abs=1e-6)
     after = client.get(f"/api/clips/{id}/after", params=RATIO | {"longest": "320", "moment": "2"})
-    told = json.loads(after.headers["unshutter-result"])
-    assert told["changed"] and after.content != before.content
-    half = client.get(f"/api/clips/{id}/after", params=RATIO | {"moment": "2", "strength": "0.5"})
-    assert json.loads(half.headers["unshutter-result"])["largest_px"] == pytest.approx(told["largest_px"] / 2, rel=0.05)
+    assert facts(after)["changed"] and after.content != before.content
+    half = facts(client.get(f"/api/clips/{id}/after", params=RATIO | {"moment": "2", "strength": "0.5"}))
+    assert half["largest_px"] == pytest.approx(facts(after)["largest_px"] / 2, rel=0.05)
 
 
 def test_a_clip_held_upright_is_seen_upright(client: httpx.Client, tmp_path: Path) -> None:
-    id = _opened(client, clips.write(tmp_path / "turned.mp4", GREYS, turn=90))
-    before = client.get(f"/api/clips/{id}/before")
-    facts = json.loads(before.headers["unshutter-result"])
-    assert (facts["width"], facts["height"]) == (144, 192)
+    id = opened(client, clips.write(tmp_path / "turned.mp4", GREYS[:3], turn=90), "clips")
+    told = facts(client.get(f"/api/clips/{id}/before"))
+    assert (told["width"], told["height"]) == (144, 192)
 
 
 def test_a_search_that_nobody_waits_for_is_stopped(client: httpx.Client, long_walk: Path) -> None:
-    id = _opened(client, long_walk)
+    id = opened(client, long_walk, "clips")
     assert client.get(f"/api/clips/{id}/progress").json() == {}
     with pytest.raises(httpx.ReadTimeout):
         client.get(f"/api/clips/{id}/readout", timeout=1)
@@ -218,7 +217,7 @@ def test_a_search_that_nobody_waits_for_is_stopped(client: httpx.Client, long_wa
 
 
 def test_the_video_shows_stabilisation(client: httpx.Client, walk: Path) -> None:
-    id = _opened(client, walk)
+    id = opened(client, walk, "clips")
     last = {}
     for seconds in ("", "2"):
         video = client.get(f"/api/clips/{id}/film", params={**RATIO, "stabilize": seconds, "moment": 2})
@@ -231,78 +230,59 @@ def test_the_video_shows_stabilisation(client: httpx.Client, walk: Path) -> None
 
 
 def test_the_readout_time(client: httpx.Client, walk: Path, tmp_path: Path) -> None:
-    told = client.get(f"/api/clips/{_opened(client, walk)}/readout", params={"readout-ms": "20"}).json()
+    told = client.get(f"/api/clips/{opened(client, walk, 'clips')}/readout", params={"readout-ms": "20"}).json()
     assert told["ratio"] == pytest.approx(0.6) and told["found_by"] == "given"
-    id = _opened(client, clips.write(tmp_path / "still.mp4", clips.standing(30)))
+    id = opened(client, clips.write(tmp_path / "still.mp4", clips.standing(30)), "clips")
     for _ in range(2):  # found out once, and remembered
         usual = client.get(f"/api/clips/{id}/readout").json()
         assert usual["found_by"] == "usual value" and "the camera stood still" in usual["reason"]
         low, high = usual["plausible_ms"]
         assert low < usual["ms"] < high and usual["cameras"] == "cameras and phones"
-        after = json.loads(client.get(f"/api/clips/{id}/after").headers["unshutter-result"])
+        after = facts(client.get(f"/api/clips/{id}/after"))
         assert not after["changed"] and after["code"] == Code.NOTHING_TO_SEE  # as the command line says
 
 
 def test_a_clip_that_is_left_is_shown_as_it_is(client: httpx.Client, tmp_path: Path) -> None:
     """An even pan shows no readout time: nothing of it is undone until its time is given."""
     greys = clips.moving(30, pan(3 * np.degrees(1 / clips.FOCAL) * clips.FPS), ratio=0.5)[1]
-    id = _opened(client, clips.write(tmp_path / "pan.mkv", greys, "ffv1"))  # the same frames each time
+    id = opened(client, clips.write(tmp_path / "pan.mkv", greys, "ffv1"), "clips")  # the same frames each time
     assert client.get(f"/api/clips/{id}/readout").json()["left"]
     after = client.get(f"/api/clips/{id}/after", params={"moment": "2"})
-    assert after.status_code == 200, after.text
-    told = json.loads(after.headers["unshutter-result"])
+    told = facts(after)
     assert not told["changed"] and told["largest_px"] == 0 and told["code"] == Code.READOUT_TIME_UNKNOWN
     assert after.content == client.get(f"/api/clips/{id}/before", params={"moment": "2"}).content
     assert client.get(f"/api/clips/{id}/film", params={"moment": "2"}).status_code == 200
 
 
 def test_photos_and_clips_in_one_zip_file(client: httpx.Client, tmp_path: Path, photo: Path, walk: Path) -> None:
-    name = {"Unshutter-Name": "street.jpg"}
-    street = client.post("/api/photos", content=photo.read_bytes(), headers=name).json()["id"]
-    items = [{"id": street}, *({"id": _opened(client, walk), "options": RATIO} for _ in range(2))]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
-    told = list(events(client, saving["id"]))[-1]
-    names = ["street.rectified.jpg", "walk.rectified.mp4", "walk.rectified-2.mp4"]
-    assert [one["result"] for one in told["done"]] == names
-    with zipfile.ZipFile(_fetched(client, saving["id"], tmp_path / "all.zip")) as packed:
-        assert packed.namelist() == names
-        assert len(clips.luma(Path(packed.extract(names[2], tmp_path)))) == 20
-
-
-def test_a_clip_that_does_not_change_is_encoded_in_a_zip_file_where_that_is_asked_for(
-    client: httpx.Client, tmp_path: Path
-) -> None:
+    """A clip that does not change is encoded only where that is asked for."""
     still = clips.write(tmp_path / "still.mkv", clips.standing(8), "ffv1")
-    items = [
-        {"id": _opened(client, still, "still.mkv"), "options": wish} for wish in (RATIO, {**RATIO, "codec": "libx264"})
-    ]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
-    told = list(events(client, saving["id"]))[-1]
-    assert [one["result"] for one in told["done"]] == ["still.mkv", "still.rectified.mkv"]
-    with zipfile.ZipFile(_fetched(client, saving["id"], tmp_path / "all.zip")) as packed:
-        assert packed.read("still.mkv") == still.read_bytes() != packed.read("still.rectified.mkv")
-
-
-def test_cancelled_while_frames_are_written(tmp_path: Path, long_walk: Path) -> None:
-    with served(tmp_path / "home") as server, server.client() as client:
-        id = _opened(client, long_walk)
-        saving = _saving(client, id)
-        _wait_for_frames(client, saving["id"])
-        assert client.delete(f"/api/saves/{saving['id']}").json()["state"] == "cancelled"
-        assert not list(temporary_folders(tmp_path / "home")[0].glob("saving-*"))
-        assert client.get(f"/api/clips/{id}/before").status_code == 200
+    ids = [opened(client, each, "clips") for each in (walk, walk, still, still)]
+    options = [RATIO, RATIO, RATIO, RATIO | {"codec": "libx264"}]
+    items = [{"id": id, "options": each} for id, each in zip(ids, options, strict=True)]
+    done, packed = zipped(client, [{"id": opened(client, photo)}, *items])
+    walks = ["walk.rectified.mp4", "walk.rectified-2.mp4"]
+    assert packed.namelist() == ["street.rectified.jpg", *walks, "still.mkv", "still.rectified.mkv"]
+    assert [one["result"] for one in done] == packed.namelist()
+    assert len(clips.luma(Path(packed.extract(walks[1], tmp_path)))) == 20
+    assert packed.read("still.mkv") == still.read_bytes() != packed.read("still.rectified.mkv")
 
 
 # ---- what it bears ---------------------------------------------------------------------------------------
 
 
-def test_the_server_is_killed_while_frames_are_written(tmp_path: Path, long_walk: Path) -> None:
-    """The next server removes what lay in its temporary folder."""
+def test_cancelled_and_killed_while_frames_are_written(tmp_path: Path, long_walk: Path) -> None:
+    """The next server removes what lay in the temporary folder of one that was killed."""
     home = tmp_path / "home"
     with served(home) as server, server.client() as client:
-        saving = _saving(client, _opened(client, long_walk))
-        _wait_for_frames(client, saving["id"])
+        id = opened(client, long_walk, "clips")
+        task = saving(client, [{"id": id, "options": RATIO}], "file")
+        _wait_for_frames(client, task)
         (left,) = temporary_folders(home)
+        assert client.delete(f"/api/saves/{task}").json()["state"] == "cancelled"
+        assert not list(left.glob("saving-*"))
+        assert client.get(f"/api/clips/{id}/before").status_code == 200
+        _wait_for_frames(client, saving(client, [{"id": id, "options": RATIO}], "file"))
         server.kill()
     with served(home):
         assert not left.exists() and len(temporary_folders(home)) == 1
@@ -327,25 +307,22 @@ def test_clips_that_cannot_be_used(client: httpx.Client, walk: Path, tmp_path: P
         (cut, "cannot read the clip"),
         (letter, "no video that can be read"),
     ):
-        id = _opened(client, path)
+        id = opened(client, path, "clips")
         _refused(client.get(f"/api/clips/{id}/before"), 422, told)
-        last = list(events(client, _saving(client, id)["id"]))[-1]
-        assert last["state"] == "finished" and told in last["done"][0]["error"]
+        assert told in _told_of(client, id)["error"]
 
 
 def test_a_clip_that_ends_too_soon_is_not_saved(client: httpx.Client, tmp_path: Path) -> None:
     """Its tables come first, so that it can be looked at."""
     whole = clips.write(tmp_path / "walk.mp4", GREYS, container={"movflags": "faststart"}).read_bytes()
     (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) * 2 // 3])
-    id = _opened(client, tmp_path / "cut.mp4")
-    saving = _saving(client, id)
-    error = list(events(client, saving["id"]))[-1]["done"][0]["error"]
-    assert "the clip" in error and "/" not in error and "\n" not in error
-    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+    told = _told_of(client, opened(client, tmp_path / "cut.mp4", "clips"))
+    assert "the clip" in told["error"] and "/" not in told["error"] and "\n" not in told["error"]
+    assert client.get(f"/api/saves/{told['task']}/file").status_code == 404
 
 
 def test_requests_that_are_refused(client: httpx.Client, walk: Path) -> None:
-    id = _opened(client, walk)
+    id = opened(client, walk, "clips")
     _refused(client.get(f"/api/clips/{id}/before", params={"moment": "5"}), 400, "'moment' takes 0 to 4")
     _refused(client.get(f"/api/clips/{id}/after", params={"readout-ms": "40"}), 400, "33.33 ms apart")
     _refused(client.get(f"/api/clips/{id}/after", params={"save-motion": "/tmp/x"}), 400, "unknown field")
@@ -353,18 +330,21 @@ def test_requests_that_are_refused(client: httpx.Client, walk: Path) -> None:
     _refused(client.get(f"/api/photos/{id}/after", params=RATIO | {"before": id}), 400, "walk.mp4 is a clip")
     two = [{"id": id}, {"id": id}]
     _refused(client.post("/api/saves", json={"to": "file", "photos": two}), 400, "choose zip")
-    nameless = _opened(client, walk, "walk")
-    assert "has no extension" in list(events(client, _saving(client, nameless)["id"]))[-1]["done"][0]["error"]
+    nameless = sent(client, "walk", walk.read_bytes(), "clips")
+    assert "has no extension" in _told_of(client, nameless)["error"]
 
 
 def test_a_playlist_is_no_clip(client: httpx.Client, walk: Path, tmp_path: Path) -> None:
     """It would have the decoder open other files of this machine, or fetch something."""
     playlist = tmp_path / "list.mp4"
-    playlist.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{walk}\n#EXT-X-ENDLIST\n")
-    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no video that can be read")
-    playlist.write_text(f"ffconcat version 1.0\nfile '{walk.name}'\n")
     (tmp_path / walk.name).write_bytes(walk.read_bytes())
-    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no video that can be read")
+    for text in (
+        f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{walk}\n#EXT-X-ENDLIST\n",
+        f"ffconcat version 1.0\nfile '{walk.name}'\n",
+    ):
+        playlist.write_text(text)
+        id = opened(client, playlist, "clips")
+        _refused(client.get(f"/api/clips/{id}/before"), 422, "no video that can be read")
 
 
 def test_too_large_and_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -394,23 +374,19 @@ def test_no_room_on_the_disc() -> None:
 def test_a_clip_at_which_nothing_moves_is_given_up(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, long_walk: Path
 ) -> None:
-    import asyncio
-
-    from unshutter.page.saves import Saving
-
     monkeypatch.setattr(saves, "_STANDSTILL_S", -1.0)  # at once, where nothing changes between two looks
     monkeypatch.setattr(saves, "_LOOK_S", 0.01)
 
-    async def run(one) -> Saving:
+    async def run(one) -> saves.Saving:
         stored = await one.store.add("walk.mp4", _pieces(long_walk.read_bytes()), "clip")
-        saving = Saving("x", "file", tmp_path / "results", [(stored, RectifyClip())])
+        task = saves.Saving("x", "file", tmp_path / "results", [(stored, RectifyClip())])
         (tmp_path / "results").mkdir()
-        await saving.run(one)
-        return saving
+        await task.run(one)
+        return task
 
     with desk() as one:
-        saving = asyncio.run(run(one))
-    assert "no progress" in saving.done[0]["error"] and saving.result is None
+        task = asyncio.run(run(one))
+    assert "no progress" in task.done[0]["error"] and task.result is None
 
 
 async def _pieces(data: bytes):

@@ -1,15 +1,12 @@
 """Names of files: safe, not too long, and none of them twice."""
 
-import io
-import zipfile
 from pathlib import Path
-from urllib.parse import quote
 
 import httpx
 import pytest
 
 from support import clips
-from support.page_server import events
+from support.page_server import sent, zipped
 from unshutter.errors import UsageError
 from unshutter.page.saves import clip_result, free_name, photo_result
 from unshutter.page.store import clean_name
@@ -104,35 +101,19 @@ def test_names_of_no_video(name: str) -> None:
         clip_result(name)
 
 
-def _opened(client: httpx.Client, kind: str, name: str, data: bytes) -> str:
-    answer = client.post(f"/api/{kind}", content=data, headers={"Unshutter-Name": quote(name)})
-    assert answer.status_code == 201
-    return answer.json()["id"]
-
-
 def test_a_long_name_does_not_spoil_the_others(client: httpx.Client, photo: Path) -> None:
     """Nor do two photos of one long name come out as one."""
     names = ["a.jpg", "漢" * 82 + ".jpg", "漢" * 82 + ".jpg", "b.jpg"]
-    items = [{"id": _opened(client, "photos", name, photo.read_bytes())} for name in names]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
-    last = list(events(client, saving["id"]))[-1]
-    assert last["state"] == "finished" and all(one["changed"] for one in last["done"]), last
-    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
-    assert packed.namelist() == [
-        "a.rectified.jpg",
-        "漢" * 80 + ".rectified.jpg",
-        "漢" * 79 + ".rectified-2.jpg",
-        "b.rectified.jpg",
-    ]
+    done, packed = zipped(client, [{"id": sent(client, name, photo.read_bytes())} for name in names])
+    assert all(one["changed"] for one in done), done
+    long = ["漢" * 80 + ".rectified.jpg", "漢" * 79 + ".rectified-2.jpg"]
+    assert packed.namelist() == ["a.rectified.jpg", *long, "b.rectified.jpg"]
 
 
 def test_a_video_named_like_pictures_is_one_file(client: httpx.Client, tmp_path: Path) -> None:
     video = clips.write(tmp_path / "walk.mp4", clips.moving(12)[1]).read_bytes()
-    ids = [_opened(client, "clips", name, video) for name in ("x%05d.png", "x%05d.mp4", "list.m3u8")]
-    items = [{"id": id, "options": {"readout-ratio": "0.6"}} for id in ids]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
-    done = list(events(client, saving["id"]))[-1]["done"]
+    ids = [sent(client, name, video, "clips") for name in ("x%05d.png", "x%05d.mp4", "list.m3u8")]
+    done, packed = zipped(client, [{"id": id, "options": {"readout-ratio": "0.6"}} for id in ids])
     assert [one.get("result") for one in done] == [None, "x%05d.rectified.mp4", None]
     assert all("has no extension" in told for told in (done[0]["error"], done[2]["error"]))
-    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
     assert packed.namelist() == ["x%05d.rectified.mp4"]

@@ -1,9 +1,7 @@
 """``unshutter open``: a page that the next start finds, that is given files, and that ends after its last tab."""
 
-import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -30,31 +28,26 @@ def user(tmp_path: Path) -> Iterator[User]:
         yield user
 
 
-def test_a_second_start_finds_the_first_and_the_last_tab_ends_it(user: User, photo: Path) -> None:
-    assert user.open(photo).returncode == 0
+def test_a_second_start_finds_the_first(user: User, photo: Path) -> None:
+    holiday = photo.parent / "holiday"
+    (holiday / ".cache").mkdir(parents=True)
+    for name in ("b.jpg", "a.mp4", "notes.txt", ".hidden.jpg", ".cache/c.jpg"):
+        (holiday / name).write_bytes(photo.read_bytes())
+    assert user.open(photo, holiday).returncode == 0
     first = user.page
     assert user.open().returncode == 0
     assert user.page == first
+    assert user.folder.stat().st_mode & 0o077 == 0, "the description is for its user alone"
     given, empty = user.tabs
     assert all(link.startswith(f"http://127.0.0.1:{first.port}/?token={first.token}") for link in user.links)
     with user.client() as client:
-        assert client.get(f"/api/tabs/{given}/files").json() == [photo.name]
+        assert client.get(f"/api/tabs/{given}/files").json() == [photo.name, "a.mp4", "b.jpg"]
         assert client.get(f"/api/tabs/{given}/files/0").content == photo.read_bytes()
         assert client.get(f"/api/tabs/{empty}/files").json() == []
-        with client.stream("GET", "/api/tabs") as shown:
-            assert shown.status_code == 200 and alive(first.pid)
         assert not list(user.folder.glob("*.html")), "the link is needed no more once its tab is there"
-    assert becomes(lambda: not alive(first.pid))
-    assert described_page(user.folder) is None and not temporary_folders(user.home)
-
-
-def test_a_page_that_was_killed_is_replaced(user: User) -> None:
-    assert user.open().returncode == 0
-    killed = user.page
-    os.kill(killed.pid, signal.SIGKILL)
-    assert becomes(lambda: not alive(killed.pid)) and user.page == killed
-    assert user.open().returncode == 0
-    assert user.page.pid != killed.pid and str(user.page.port) in user.links[-1]
+    again = user.run(*user.program[:-1], "serve", "--until-closed", "--open", "--port", 0)
+    assert again.returncode == 0 and f"the page runs already, as process {first.pid}" in again.stderr
+    assert len(user.links) == 3
 
 
 def test_two_starts_at_once_open_one_page(user: User) -> None:
@@ -75,23 +68,18 @@ class Foreign(BaseHTTPRequestHandler):
         pass
 
 
-def test_another_program_on_the_port_of_an_old_page_gets_no_visit(user: User) -> None:
+def test_a_page_that_was_killed_is_replaced_and_what_took_its_port_gets_no_visit(user: User) -> None:
     assert user.open().returncode == 0
-    os.kill(user.page.pid, signal.SIGKILL)
     killed = user.page
-    assert becomes(lambda: not alive(killed.pid))
+    os.kill(killed.pid, signal.SIGKILL)
+    assert becomes(lambda: not alive(killed.pid)) and user.page == killed
     with HTTPServer(("127.0.0.1", killed.port), Foreign) as foreign:
         threading.Thread(target=foreign.serve_forever, daemon=True).start()
         assert user.open().returncode == 0
         foreign.shutdown()
-    assert user.page.port != killed.port and str(user.page.port) in user.links[-1]
-
-
-def test_served_pages_are_one_as_well(user: User) -> None:
-    assert user.open().returncode == 0
-    again = user.run(*user.program[:-1], "serve", "--until-closed", "--open", "--port", 0)
-    assert again.returncode == 0 and f"the page runs already, as process {user.page.pid}" in again.stderr
-    assert len(user.links) == 2
+    assert user.page.pid != killed.pid and user.page.port != killed.port
+    assert str(user.page.port) in user.links[-1]
+    assert len(list(user.folder.glob("open-*.html"))) == 1, "the link to the page that was killed is gone"
 
 
 @pytest.mark.parametrize("harm", ["foreign mode", "link", "file"])
@@ -116,23 +104,13 @@ def test_what_cannot_be_opened_is_said_and_nothing_starts(user: User, tmp_path: 
     assert refused.returncode == 2 and "leave out --host" in refused.stderr
 
 
-def test_a_folder_opens_its_photos_and_clips(user: User, photo: Path) -> None:
-    holiday = photo.parent / "holiday"
-    (holiday / ".cache").mkdir(parents=True)
-    for name in ("b.jpg", "a.mp4", "notes.txt", ".hidden.jpg", ".cache/c.jpg"):
-        (holiday / name).write_bytes(photo.read_bytes())
-    assert user.open(holiday).returncode == 0
-    with user.client() as client:
-        assert client.get(f"/api/tabs/{user.tabs[0]}/files").json() == ["a.mp4", "b.jpg"]
-
-
 def test_a_start_without_a_browser_says_the_link(user: User) -> None:
     user.browser.write_text("#!/bin/sh\nexit 1\n")
     told = user.open(PATH="/nowhere", DISPLAY="", WAYLAND_DISPLAY="")
     assert told.returncode == 1 and f"open http://127.0.0.1:{user.page.port}/?token=" in told.stderr
 
 
-def test_files_are_dropped_onto_the_page(user: User, photo: Path, chromium: Browser) -> None:
+def test_files_are_dropped_onto_the_page_and_the_last_tab_ends_it(user: User, photo: Path, chromium: Browser) -> None:
     assert user.open(photo, photo.parent).returncode == 0
     context = chromium.new_context()
     page = context.new_page()
@@ -152,6 +130,7 @@ def test_files_are_dropped_onto_the_page(user: User, photo: Path, chromium: Brow
     second.wait_for_function(f"{held}.then((now) => now === '1,0')")
     context.close()
     assert becomes(lambda: not alive(pid))
+    assert described_page(user.folder) is None and not temporary_folders(user.home)
 
 
 def test_only_one_process_claims_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,15 +151,6 @@ def test_a_damaged_description_is_none(tmp_path: Path, content: str) -> None:
     assert described_page(tmp_path) is None
 
 
-def test_an_old_description_is_answered_by_nobody(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    publish(tmp_path, RunningPage(port, "token", "key", 1))
-    found = described_page(tmp_path)
-    assert found is not None and found.new_tab(tmp_path, "12345678", []) is None
-
-
 @pytest.mark.parametrize("runtime", ["", "relative", "/nowhere"])
 def test_without_a_runtime_folder_the_users_own_is_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runtime: str
@@ -188,9 +158,3 @@ def test_without_a_runtime_folder_the_users_own_is_taken(
     monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     assert state_folder() == tmp_path / "state" / "unshutter"
-
-
-def test_the_description_is_for_its_user_alone(user: User) -> None:
-    assert user.open().returncode == 0
-    assert user.folder.stat().st_mode & 0o077 == 0
-    assert json.loads((user.folder / "page.json").read_text())["pid"] == user.page.pid

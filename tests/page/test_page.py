@@ -4,11 +4,10 @@ import json
 import zipfile
 from pathlib import Path
 
-import numpy as np
 from playwright.sync_api import Browser, Page, expect
 
-from support.batches import rectify
-from support.browser import SLOW_MS, drop, wait_for
+from support.batches import rectified, rectify
+from support.browser import SLOW_MS, drop, enter, saved, wait_for
 from support.frame_pairs import Scene
 from support.page_server import TOKEN, Server, served
 from unshutter.photo import Photo
@@ -28,68 +27,62 @@ def _image(page: Page, which: str) -> list[int]:
     )
 
 
-def test_a_reason_in_the_words_of_the_page(page: Page, tmp_path: Path) -> None:
-    """As the program sends it (tests/page/test_sentences.py)."""
-    Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
-    drop(page, tmp_path / "grey.png")
-    wait_for(page, "alone")
-    expect(page.locator("#panel .said")).to_contain_text("Left unchanged: only 0 straight lines were found.")
-
-
-def test_the_token_leaves_the_address(page: Page) -> None:
+def test_the_token_leaves_the_address_and_without_it_nothing_is_to_be_had(
+    page: Page, chromium: Browser, server: Server
+) -> None:
     assert TOKEN not in page.url
     expect(page.get_by_role("heading", name="Drop photos or clips here")).to_be_visible()
     page.reload()
     assert page.evaluate("fetch('/api/about').then(answer => answer.status)") == 401  # the page alone knows it
     expect(page.locator("#notice")).to_be_hidden()
+    stranger = chromium.new_page()
+    stranger.goto(f"{server.url}/")
+    expect(stranger.locator("#notice")).to_contain_text("This link is not valid")
+    stranger.close()
 
 
-def test_drop_and_slider(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    expect(page.locator("#panel .said")).to_contain_text("Straightened: some places moved by up to")
-    assert _image(page, "before") != _image(page, "after")
-    handle = page.get_by_role("slider", name="Divider between before and after")
+def test_drop_and_slider(street: Page) -> None:
+    expect(street.locator("#panel .said")).to_contain_text("Straightened: some places moved by up to")
+    assert _image(street, "before") != _image(street, "after")
+    handle = street.get_by_role("slider", name="Divider between before and after")
     expect(handle).to_have_attribute("aria-valuenow", "50")
     handle.press("ArrowRight")
     expect(handle).to_have_attribute("aria-valuenow", "52")
-    box = page.locator(".compare").bounding_box()
+    box = street.locator(".compare").bounding_box()
     assert box is not None
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 100)
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 100, steps=3)
-    page.mouse.up()
+    street.mouse.move(box["x"] + box["width"] / 2, box["y"] + 100)
+    street.mouse.down()
+    street.mouse.move(box["x"] + box["width"] / 4, box["y"] + 100, steps=3)
+    street.mouse.up()
     expect(handle).to_have_attribute("aria-valuenow", "25")
-    page.keyboard.press("z")
-    wide = page.locator(".whole").first.evaluate("node => node.getBoundingClientRect().width")
+    street.keyboard.press("z")
+    wide = street.locator(".whole").first.evaluate("node => node.getBoundingClientRect().width")
     assert round(wide) == 560  # its own pixels
-    page.keyboard.press("l")
-    expect(page.locator(".lines.before line").first).to_be_attached()
+    street.keyboard.press("l")
+    expect(street.locator(".lines.before line").first).to_be_attached()
 
 
-def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    whole = _image(page, "after")
-    page.locator("#strength").fill("50")
-    page.locator("#edges").select_option("keep")
-    page.locator("#advanced summary").click()
-    page.locator("#panel").get_by_label("last", exact=True).check()
-    expect(page.locator("#panel .said")).to_contain_text("stay empty")
-    wait_for(page)
-    assert _image(page, "after") != whole
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
+def test_controls_and_saving_to_the_byte(street: Page, photo: Path, tmp_path: Path) -> None:
+    whole = _image(street, "after")
+    street.locator("#strength").fill("50")
+    street.locator("#edges").select_option("keep")
+    street.locator("#advanced summary").click()
+    street.locator("#panel").get_by_label("last", exact=True).check()
+    expect(street.locator("#panel .said")).to_contain_text("stay empty")
+    wait_for(street)
+    assert _image(street, "after") != whole
+    with street.expect_download() as download:
+        street.get_by_role("button", name="Save this photo").click()
     assert download.value.suggested_filename == "street.rectified.jpg"
     flags = ["--strength", "0.5", "--edges", "keep", "--reference", "last"]
     assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
     assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save motion").click()
+    with street.expect_download() as download:
+        street.get_by_role("button", name="Save motion").click()
     assert json.loads(Path(download.value.path()).read_text())["format"] == "unshutter-motion/1"
-    page.get_by_label("Leave this photo alone").check()
-    expect(page.locator("#panel .said")).to_contain_text("Left unchanged, as you asked.")
-    expect(page.locator(".thumbnail .state")).to_have_text("left unchanged")
+    street.get_by_label("Leave this photo alone").check()
+    expect(street.locator("#panel .said")).to_contain_text("Left unchanged, as you asked.")
+    expect(street.locator(".thumbnail .state")).to_have_text("left unchanged")
 
 
 def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
@@ -169,44 +162,21 @@ def test_a_server_that_is_killed_and_started_again(chromium: Browser, tmp_path: 
     page.close()
 
 
-def test_without_the_token_nothing_is_to_be_had(page: Page, server: Server) -> None:
-    stranger = page.context.browser
-    assert stranger is not None
-    other = stranger.new_page()
-    other.goto(f"{server.url}/")
-    expect(other.locator("#notice")).to_contain_text("This link is not valid")
-    other.close()
-
-
-def drop_two_frames(page: Page, folder: Path) -> list[Path]:
-    """Drops a frame, and names the one after it with the ratio of their camera; returns both files."""
+def test_a_frame_taken_after_and_the_moment_between(page: Page, tmp_path: Path) -> None:
     scene = Scene()
-    frames = [folder / f"frame{number}.png" for number in range(2)]
+    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
     for number, frame in enumerate(frames):
         Photo.from_array(scene.frame(number, 0.8)).save(frame)
     drop(page, frames[0])
     wait_for(page, "changed|alone")
     page.set_input_files("#choose-after", frames[1])
-    page.locator("#ratio").fill("0.8")
-    page.locator("#ratio").press("Enter")
-    return frames
-
-
-def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
-    frames = drop_two_frames(page, tmp_path)
+    enter(page, "#ratio", "0.8")
     expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
     page.locator("#edges").select_option("keep")
     expect(page.locator("#panel .said")).to_contain_text("stay empty")
     wait_for(page)
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
     flags = ["--after", frames[1], "--readout-ratio", "0.8", "--edges", "keep"]
-    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
-    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()
-
-
-def test_the_moment_between_frames(page: Page, tmp_path: Path) -> None:
-    frames = drop_two_frames(page, tmp_path)
+    assert saved(page) == rectified(frames[0], *flags)
     page.get_by_label("Take it at another moment").check()
     expect(page.locator("output[for=at]")).to_have_text("50 % of the way to the frame after")
     page.locator("#at").fill("0.75")
@@ -216,8 +186,4 @@ def test_the_moment_between_frames(page: Page, tmp_path: Path) -> None:
     page.get_by_label("use the photo alone").check()
     expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
     wait_for(page)
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
-    flags = ["--after", frames[1], "--readout-ratio", "0.8", "--at", "0.75", "--model", "dense", "--fallback"]
-    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
-    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()
+    assert saved(page) == rectified(frames[0], *flags, "--at", "0.75", "--model", "dense", "--fallback")

@@ -7,7 +7,8 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from support import clips
-from support.browser import SLOW_MS, drop, wait_for
+from support.browser import SLOW_MS, drop, enter, wait_for
+from support.covering import thorough
 from support.page_server import Server
 from unshutter.photo import Photo
 
@@ -64,7 +65,9 @@ def test_nothing_breaks_the_wcag(
     context.close()
 
 
-def test_a_name_is_heard_in_one_piece(page: Page, photo: Path, tmp_path: Path) -> None:
+def test_a_name_is_heard_in_one_piece_and_rows_of_thumbnails_keep_their_height(
+    page: Page, photo: Path, tmp_path: Path
+) -> None:
     long = tmp_path / "a_day_in_the_streets_of_york_10.jpg"
     long.write_bytes(photo.read_bytes())
     drop(page, photo, long)
@@ -72,45 +75,45 @@ def test_a_name_is_heard_in_one_piece(page: Page, photo: Path, tmp_path: Path) -
     for name in ("street.jpg", long.name):
         heard = re.compile(f"^{re.escape(name)} straightened, \\w+$")
         expect(page.get_by_role("button", name=heard)).to_be_visible()
+    height = "() => document.querySelector('#thumbnails').offsetHeight"
+    before = page.evaluate(height)
+    page.locator(".thumbnail .state").first.evaluate("node => node.textContent = 'saved · straightened, unsure · long'")
+    assert page.evaluate(height) == before
 
 
-def test_steps_by_hand_are_undone_and_done_again(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.locator("#by-hand summary").click()
-    lean, found = page.locator("#lean-number"), page.locator("#lean-number").input_value()
-    redo = page.get_by_role("button", name="Redo", exact=True)
+def test_steps_by_hand_are_undone_and_done_again(street: Page) -> None:
+    street.locator("#by-hand summary").click()
+    lean, found = street.locator("#lean-number"), street.locator("#lean-number").input_value()
+    redo = street.get_by_role("button", name="Redo", exact=True)
     for degrees in ("3.5", "-4.5"):
         lean.fill(degrees)
         lean.press("Enter")
-    page.locator("#by-hand summary").focus()
+    street.locator("#by-hand summary").focus()
     expect(redo).to_be_disabled()
     for key, shown in (("z", "3.5"), ("z", found), ("y", "3.5"), ("Shift+z", "-4.5"), ("y", "-4.5"), ("z", "3.5")):
-        page.keyboard.press(f"Control+{key}")
+        street.keyboard.press(f"Control+{key}")
         expect(lean).to_have_value(shown)
     redo.click()
     expect(lean).to_have_value("-4.5")
-    page.keyboard.press("Control+z")
+    street.keyboard.press("Control+z")
     lean.fill("7.0")  # another way than the step that was undone
     lean.press("Enter")
     expect(redo).to_be_disabled()
 
 
-@pytest.mark.parametrize(("typed", "taken", "strength"), [("500", "200", "2"), ("-20", "0", "0"), ("", "100", None)])
-def test_a_strength_that_cannot_be_is_replaced(page: Page, photo: Path, typed: str, taken: str, strength) -> None:
-    drop(page, photo)
-    wait_for(page)
-    number = page.locator("#strength-number")
-    number.fill("50")
-    number.press("Enter")
-    expect(page.locator("#strength")).to_have_value("50")
-    number.fill(typed)
-    with page.expect_request(lambda request: "/after?" in request.url and "later" not in request.url) as request:
-        number.press("Enter")
-    asked = dict(pair.split("=") for pair in request.value.url.split("?")[1].split("&"))
-    assert asked.get("strength") == strength
-    expect(number).to_have_value(taken)
-    expect(page.locator("#strength")).to_have_value(taken)
+def test_a_strength_that_cannot_be_is_replaced(street: Page) -> None:
+    number, slider = street.locator("#strength-number"), street.locator("#strength")
+    for typed, taken, strength in (("500", "200", "2"), ("-20", "0", "0"), ("", "100", None)):
+        enter(street, "#strength-number", "50")
+        expect(slider).to_have_value("50")
+        wait_for(street)
+        number.fill(typed)
+        with street.expect_request(lambda request: "/after?" in request.url and "later" not in request.url) as request:
+            number.press("Enter")
+        asked = dict(pair.split("=") for pair in request.value.url.split("?")[1].split("&"))
+        assert asked.get("strength") == strength
+        expect(number).to_have_value(taken)
+        expect(slider).to_have_value(taken)
 
 
 def test_the_keyboard_alone_does_all(page: Page, photo: Path) -> None:
@@ -159,7 +162,7 @@ def test_the_keyboard_alone_does_all(page: Page, photo: Path) -> None:
         page.keyboard.press("Enter")
 
 
-@pytest.mark.parametrize("width", [320, 390])
+@pytest.mark.parametrize("width", [320, thorough(390)])
 def test_a_phone_has_large_targets_in_straight_rows(chromium: Browser, server: Server, photo: Path, width: int) -> None:
     context = chromium.new_context(viewport={"width": width, "height": 700}, has_touch=True)
     context.set_default_timeout(SLOW_MS)
@@ -182,27 +185,12 @@ def test_a_phone_has_large_targets_in_straight_rows(chromium: Browser, server: S
     context.close()
 
 
-def test_the_ways_a_camera_can_have_moved_stand_in_one_line(
-    chromium: Browser, server: Server, facade, tmp_path: Path
-) -> None:
+def test_the_ways_a_camera_can_have_moved_stand_in_one_line(phone: Page, facade, tmp_path: Path) -> None:
     Photo.from_array(facade).save(tmp_path / "straight.png")
-    page = chromium.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
-    page.set_default_timeout(SLOW_MS)
-    page.goto(server.link)
-    drop(page, tmp_path / "straight.png")
-    wait_for(page, "alone")
-    ways = [page.locator(f"#advice-{way}").evaluate("node => node.offsetTop") for way in ("left", "right", "yes")]
+    drop(phone, tmp_path / "straight.png")
+    wait_for(phone, "alone")
+    ways = [phone.locator(f"#advice-{way}").evaluate("node => node.offsetTop") for way in ("left", "right", "yes")]
     assert ways[0] > 0 and len(set(ways)) == 1
-    page.close()
-
-
-def test_rows_of_thumbnails_keep_their_height(page: Page, photo: Path) -> None:
-    drop(page, photo, photo)
-    wait_for(page, "changed", 2)
-    height = "() => document.querySelector('#thumbnails').offsetHeight"
-    before = page.evaluate(height)
-    page.locator(".thumbnail .state").first.evaluate("node => node.textContent = 'saved · straightened, unsure · long'")
-    assert page.evaluate(height) == before
 
 
 def test_what_waits_has_a_picture(page: Page, facade, walk: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, expect
 
-from support.browser import drop, wait_for
+from support.browser import drop, enter, wait_for
 from support.tagged_files import exif_blob
 from unshutter.photo import Photo
 
@@ -49,16 +49,13 @@ def test_a_leaning_photo_by_a_camera_without_rolling_shutter_is_only_levelled(pa
     expect(page.locator("#advice button")).to_have_text(re.compile("Level it"))
 
 
-def test_a_crop_that_leaves_little_asks_to_look(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.locator("#by-hand summary").click()
+def test_a_crop_that_leaves_little_asks_to_look(street: Page) -> None:
+    street.locator("#by-hand summary").click()
     for tool, value, little in (("lean", "10", False), ("lean", "30", False), ("bend", "20", True)):
-        page.locator(f"#{tool}-number").fill(value)
-        page.locator(f"#{tool}-number").press("Enter")
+        enter(street, f"#{tool}-number", value)
         left = "[1-5]" if little else "[6-9]"
-        expect(page.locator(SAID)).to_contain_text(re.compile(rf"Cut down to {left}\d %"))
-        look = expect(page.locator(SAID))
+        expect(street.locator(SAID)).to_contain_text(re.compile(rf"Cut down to {left}\d %"))
+        look = expect(street.locator(SAID))
         look.to_contain_text("Please look: much is cut off") if little else look.not_to_contain_text("Please look")
-    page.locator("#edges").select_option("keep")
-    expect(page.locator(SAID)).not_to_contain_text("Please look")
+    street.locator("#edges").select_option("keep")
+    expect(street.locator(SAID)).not_to_contain_text("Please look")

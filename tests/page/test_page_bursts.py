@@ -4,8 +4,8 @@ from pathlib import Path
 
 from playwright.sync_api import Page, expect
 
-from support.batches import rectify
-from support.browser import drop, wait_for
+from support.batches import rectified
+from support.browser import drop, enter, saved, wait_for
 from support.frame_pairs import Scene
 from unshutter.photo import Photo
 
@@ -33,48 +33,41 @@ def test_a_burst_is_used_together(page: Page, tmp_path: Path) -> None:
     expect(page.get_by_role("button", name="Use them together")).to_be_hidden()
     for number in (1, 2, 3):
         wait_for(page, number=number)
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
     neighbours = ("--before", photos[0], "--after", photos[2])
-    assert rectify(photos[1], "-o", tmp_path / "expected.png", *neighbours) == 0
-    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()
+    assert saved(page) == rectified(photos[1], *neighbours)
+    expect(page.locator("#neighbours")).to_contain_text("this is a usual value")
     page.locator("#ratio").fill("0.8")  # that of all three
     expect(page.locator("#ratio-number")).to_have_value("0.8")
+    expect(page.locator("#neighbours")).not_to_contain_text("this is a usual value")
     page.locator(".thumbnail").nth(0).click()
     expect(page.locator(SAID)).to_contain_text("with the help of its neighbours")
     expect(page.locator("#ratio")).to_have_value("0.8")
 
 
-def test_other_photos_are_no_burst(page: Page, photo: Path, tmp_path: Path) -> None:
-    drop(page, photo, _burst(tmp_path, 1)[0])
+def test_other_photos_are_no_burst_and_what_was_straightened_is_said_and_shown(
+    page: Page, photo: Path, tmp_path: Path
+) -> None:
     with page.expect_response("**/api/bursts") as response:
-        wait_for(page, "changed|alone", number=2)
+        drop(page, _burst(tmp_path, 1)[0], photo)
+        wait_for(page, number=2)
     assert response.value.json() == []
     expect(page.get_by_role("button", name="Use them together")).to_be_hidden()
-
-
-def test_what_was_straightened_is_said_and_shown(page: Page, photo: Path, tmp_path: Path) -> None:
-    drop(page, _burst(tmp_path, 1)[0], photo)
-    wait_for(page, number=2)
     wait_for(page, "alone", number=1)
     page.get_by_role("button", name="1 of 2 was straightened: see it").click()
     expect(page.locator("#name")).to_have_text(photo.name)
     expect(page.locator("#thumbnails li:visible")).to_have_count(1)
 
 
-def test_a_photo_that_was_only_levelled_is_levelled(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.get_by_label("Leave this photo alone").check()
-    wait_for(page, "alone")
-    page.locator("#roll-deg").evaluate("node => { for (let at = node; at; at = at.parentElement) at.open = true; }")
-    page.locator("#roll-deg").fill("2")
-    page.locator("#roll-deg").press("Enter")
-    page.locator("#upright").select_option("level")
-    expect(page.locator(SAID)).to_contain_text("Levelled by")
-    wait_for(page, "changed")
-    expect(page.locator(".thumbnail .state")).to_have_text("levelled")
-    expect(page.locator(".thumbnail")).to_have_attribute("data-sure", "")
+def test_a_photo_that_was_only_levelled_is_levelled(street: Page, photo: Path) -> None:
+    street.get_by_label("Leave this photo alone").check()
+    wait_for(street, "alone")
+    street.locator("#roll-deg").evaluate("node => { for (let at = node; at; at = at.parentElement) at.open = true; }")
+    enter(street, "#roll-deg", "2")
+    street.locator("#upright").select_option("level")
+    expect(street.locator(SAID)).to_contain_text("Levelled by")
+    wait_for(street, "changed")
+    expect(street.locator(".thumbnail .state")).to_have_text("levelled")
+    expect(street.locator(".thumbnail")).to_have_attribute("data-sure", "")
 
 
 def test_the_photo_comes_first_and_saving_moves_nothing(page: Page, photo: Path, tmp_path: Path) -> None:
@@ -95,21 +88,3 @@ def test_the_photo_comes_first_and_saving_moves_nothing(page: Page, photo: Path,
         save.click()
     expect(page.locator("#notice")).to_be_visible()
     assert save.bounding_box() == place and page.locator("#stage").bounding_box() == box
-
-
-def test_a_neighbour_without_the_ratio_takes_a_usual_one(page: Page, tmp_path: Path) -> None:
-    scene = Scene()
-    for number in range(2):
-        Photo.from_array(scene.frame(number, 0.8)).save(tmp_path / f"frame{number}.png")
-    drop(page, tmp_path / "frame0.png")
-    wait_for(page, "changed|alone")
-    page.set_input_files("#choose-after", tmp_path / "frame1.png")
-    expect(page.locator(SAID)).to_contain_text("with the help of its neighbours")
-    expect(page.locator("#ratio")).to_have_value("0.5")
-    expect(page.locator("#neighbours")).to_contain_text("this is a usual value")
-    moved = page.locator(SAID).inner_text()
-    page.locator("#ratio").fill("0.8")
-    expect(page.locator("#ratio-number")).to_have_value("0.8")
-    expect(page.locator(SAID)).not_to_have_text(moved)
-    expect(page.locator("#neighbours")).not_to_contain_text("this is a usual value")
-    expect(page.locator("#advice")).to_be_hidden()

@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
-from support.batches import rectify
-from support.browser import drop, wait_for
+from support.browser import drop, enter, wait_for
 from support.covering import thorough
 from support.frame_pairs import Scene
 from support.tagged_files import exif_blob
@@ -24,6 +23,14 @@ def grey(tmp_path: Path) -> Path:
     """A photo that shows nothing."""
     Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
     return tmp_path / "grey.png"
+
+
+@pytest.fixture
+def declined(page: Page, grey: Path) -> Page:
+    """The page with that photo."""
+    drop(page, grey)
+    wait_for(page, "alone")
+    return page
 
 
 @pytest.fixture
@@ -62,21 +69,19 @@ def _lines(page: Page) -> list[list[float]]:
 # ---- a declined photo ------------------------------------------------------------------------------------
 
 
-def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    expect(page.locator(SAID)).to_contain_text("Left unchanged: only 0 straight lines were found.")
-    expect(page.locator("#advice")).not_to_contain_text("straight lines")  # the reason is said once
-    expect(page.locator("#advice")).to_contain_text("may be perspective")
-    expect(page.locator(".handle")).to_be_hidden()  # there are no two halves
-    expect(page.get_by_role("button", name="Save this photo")).to_be_disabled()
-    expect(page.get_by_text("There is nothing to save: the photo is unchanged.")).to_be_visible()
-    expect(page.get_by_role("button", name="It moved somehow")).to_have_count(0)
-    page.get_by_role("button", name="Add the frame before or after").click()
-    expect(page.get_by_text("Taken before…")).to_be_visible()
-    page.get_by_role("button", name="By hand…").click()
-    expect(page.locator("#tool-lean")).to_be_focused()
-    expect(page.locator("#tool-lean")).to_have_attribute("aria-pressed", "true")  # the simplest tool is in the hand
+def test_a_declined_photo_says_why_and_offers_next_steps(declined: Page) -> None:
+    expect(declined.locator(SAID)).to_contain_text("Left unchanged: only 0 straight lines were found.")
+    expect(declined.locator("#advice")).not_to_contain_text("straight lines")  # the reason is said once
+    expect(declined.locator("#advice")).to_contain_text("may be perspective")
+    expect(declined.locator(".handle")).to_be_hidden()  # there are no two halves
+    expect(declined.get_by_role("button", name="Save this photo")).to_be_disabled()
+    expect(declined.get_by_text("There is nothing to save: the photo is unchanged.")).to_be_visible()
+    expect(declined.get_by_role("button", name="It moved somehow")).to_have_count(0)
+    declined.get_by_role("button", name="Add the frame before or after").click()
+    expect(declined.get_by_text("Taken before…")).to_be_visible()
+    declined.get_by_role("button", name="By hand…").click()
+    expect(declined.locator("#tool-lean")).to_be_focused()
+    expect(declined.locator("#tool-lean")).to_have_attribute("aria-pressed", "true")  # the simplest tool is in the hand
 
 
 def test_a_photo_with_lines_can_be_tried_as_if_the_camera_moved(page: Page, still_facade: Path) -> None:
@@ -103,118 +108,110 @@ def test_an_answer_that_comes_while_an_offer_is_pressed_does_not_lose_the_click(
         page.mouse.up()
 
 
-def test_a_wrong_neighbour_leaves_the_photo_usable(page: Page, photo: Path, tmp_path: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
+def test_a_wrong_neighbour_leaves_the_photo_usable(street: Page, photo: Path, tmp_path: Path) -> None:
     Photo.from_array(Scene().frame(0, 0.8)).save(tmp_path / "other.png")  # of another size
-    page.set_input_files("#choose-after", tmp_path / "other.png")
-    expect(page.locator("#advice")).to_contain_text(
+    street.set_input_files("#choose-after", tmp_path / "other.png")
+    expect(street.locator("#advice")).to_contain_text(
         re.compile(r"The neighbour frame cannot be used: it has \d+ × \d+ px and the photo \d+ × \d+ px")
     )
-    wait_for(page, "changed")
-    expect(page.locator(SAID)).to_contain_text("Straightened: some places moved by up to")
-    page.get_by_role("button", name="Leave them out").click()
-    expect(page.locator("#advice")).to_be_hidden()
-    wait_for(page, "changed")
+    wait_for(street, "changed")
+    expect(street.locator(SAID)).to_contain_text("Straightened: some places moved by up to")
+    street.get_by_role("button", name="Leave them out").click()
+    expect(street.locator("#advice")).to_be_hidden()
+    wait_for(street, "changed")
 
 
 # ---- lines -----------------------------------------------------------------------------------------------
 
 
-def test_upright_lines_straighten_what_the_program_declines(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    _draw(page, "upright")
-    before = page.locator(".compare").bounding_box()
+def test_upright_lines_straighten_what_the_program_declines(declined: Page) -> None:
+    _draw(declined, "upright")
+    before = declined.locator(".compare").bounding_box()
     for x in (0.2, 0.7):
-        with page.expect_response("**/after?*lines=*"):
-            _drag(page, (x, 0.1), (x + 0.06, 0.9))
-    assert np.allclose(_lines(page), [[0.2, 0.1, 0.26, 0.9], [0.7, 0.1, 0.76, 0.9]], atol=0.01)
-    wait_for(page, "changed")
-    expect(page.locator(SAID)).to_contain_text("Straightened by hand")
-    expect(page.locator(".thumbnail .state")).to_have_text("straightened by hand")
-    page.wait_for_function("() => Number(document.querySelector('#lean-number').value) > 2")  # the answer to both lines
-    assert page.locator(".compare").bounding_box() == before  # the picture does not move under the pointer
-    page.keyboard.press("Escape")
-    expect(page.locator(".handle")).to_be_visible()  # before and after, side by side again
-    page.get_by_role("button", name="Remove upright line 1").click()
-    page.get_by_role("button", name="Remove upright line 1").click()
-    wait_for(page, "alone")
+        with declined.expect_response("**/after?*lines=*"):
+            _drag(declined, (x, 0.1), (x + 0.06, 0.9))
+    assert np.allclose(_lines(declined), [[0.2, 0.1, 0.26, 0.9], [0.7, 0.1, 0.76, 0.9]], atol=0.01)
+    wait_for(declined, "changed")
+    expect(declined.locator(SAID)).to_contain_text("Straightened by hand")
+    expect(declined.locator(".thumbnail .state")).to_have_text("straightened by hand")
+    declined.wait_for_function(
+        "() => Number(document.querySelector('#lean-number').value) > 2"
+    )  # the answer to both lines
+    assert declined.locator(".compare").bounding_box() == before  # the picture does not move under the pointer
+    declined.keyboard.press("Escape")
+    expect(declined.locator(".handle")).to_be_visible()  # before and after, side by side again
+    declined.get_by_role("button", name="Remove upright line 1").click()
+    declined.get_by_role("button", name="Remove upright line 1").click()
+    wait_for(declined, "alone")
 
 
-def test_a_line_is_moved_by_its_ends_with_mouse_and_keys(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    _draw(page, "level")
-    _drag(page, (0.1, 0.5), (0.9, 0.5))
-    expect(page.locator(".end")).to_have_count(2)
-    end = page.get_by_role("button", name="Point 2 of line 1, level line")
+def test_a_line_is_moved_by_its_ends_with_mouse_and_keys(declined: Page) -> None:
+    _draw(declined, "level")
+    _drag(declined, (0.1, 0.5), (0.9, 0.5))
+    expect(declined.locator(".end")).to_have_count(2)
+    end = declined.get_by_role("button", name="Point 2 of line 1, level line")
     end.hover()  # once it no longer moves
     box = end.bounding_box()
     assert box is not None
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 40, steps=3)
-    page.mouse.up()
-    dragged = _lines(page)[0][3]
+    declined.mouse.down()
+    declined.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 40, steps=3)
+    declined.mouse.up()
+    dragged = _lines(declined)[0][3]
     assert dragged > 0.53
     end.press("ArrowUp")
-    assert _lines(page)[0][3] == pytest.approx(dragged - 0.002, abs=1e-6)
+    assert _lines(declined)[0][3] == pytest.approx(dragged - 0.002, abs=1e-6)
     expect(end).to_be_focused()
     end.press("Delete")
-    expect(page.locator(".end")).to_have_count(0)
-    page.locator("#tool-straight").focus()
-    page.keyboard.press("Enter")  # without a mouse, a line is put in the middle
-    expect(page.locator(".end")).to_have_count(3)
+    expect(declined.locator(".end")).to_have_count(0)
+    declined.locator("#tool-straight").focus()
+    declined.keyboard.press("Enter")  # without a mouse, a line is put in the middle
+    expect(declined.locator(".end")).to_have_count(3)
 
 
-def test_an_answer_that_comes_while_an_end_is_dragged_does_not_drop_it(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    _draw(page, "level")
+def test_an_answer_that_comes_while_an_end_is_dragged_does_not_drop_it(declined: Page) -> None:
+    _draw(declined, "level")
     late: list[Route] = []
-    page.route("**/after?*lines=*", lambda route: late.append(route))
-    with page.expect_request("**/after?*lines=*"):
-        _drag(page, (0.1, 0.5), (0.9, 0.5))
-    end = page.get_by_role("button", name="Point 2 of line 1, level line")
+    declined.route("**/after?*lines=*", lambda route: late.append(route))
+    with declined.expect_request("**/after?*lines=*"):
+        _drag(declined, (0.1, 0.5), (0.9, 0.5))
+    end = declined.get_by_role("button", name="Point 2 of line 1, level line")
     end.hover()
     box = end.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.down()
-    page.mouse.move(x, y + 20, steps=2)
-    with page.expect_response("**/after?*lines=*"):
+    declined.mouse.down()
+    declined.mouse.move(x, y + 20, steps=2)
+    with declined.expect_response("**/after?*lines=*"):
         late.pop(0).continue_()
-    wait_for(page, "alone")
-    page.unroute("**/after?*lines=*")
-    page.mouse.move(x, y + 60, steps=3)
-    page.mouse.up()
-    assert _lines(page)[0][3] > 0.55
+    wait_for(declined, "alone")
+    declined.unroute("**/after?*lines=*")
+    declined.mouse.move(x, y + 60, steps=3)
+    declined.mouse.up()
+    assert _lines(declined)[0][3] > 0.55
 
 
-def test_ends_snap_to_segments(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    with page.expect_response("**/segments*") as response:
-        page.locator("#by-hand summary").click()
-        page.locator("#tool-upright").click()
+def test_ends_snap_to_segments(street: Page) -> None:
+    with street.expect_response("**/segments*") as response:
+        street.locator("#by-hand summary").click()
+        street.locator("#tool-upright").click()
     segments = response.value.json()["before"]
     x1, y1, x2, y2 = max(segments, key=lambda s: abs(s[3] - s[1]) - abs(s[2] - s[0]))  # the longest upright one
     response.value.finished()
-    page.evaluate("() => new Promise((done) => setTimeout(done, 300))")  # on the page's clock: the answer has been read
+    street.evaluate(
+        "() => new Promise((done) => setTimeout(done, 300))"
+    )  # on the page's clock: the answer has been read
     x, y, slope = (x1 + x2) / 2, (y1 + y2) / 2, (x2 - x1) / (y2 - y1)
-    _drag(page, (x - 0.03 * slope + 0.004, y - 0.03), (x + 0.03 * slope + 0.004, y + 0.03))
-    drawn = _lines(page)[0]
+    _drag(street, (x - 0.03 * slope + 0.004, y - 0.03), (x + 0.03 * slope + 0.004, y + 0.03))
+    drawn = _lines(street)[0]
     off = [at[0] - (x + slope * (at[1] - y)) for at in (drawn[:2], drawn[2:])]
     assert off == pytest.approx([0, 0], abs=5e-4)
 
 
-def test_by_touch(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    _draw(page, "upright")
-    box = page.locator(".compare").bounding_box()
+def test_by_touch(declined: Page) -> None:
+    _draw(declined, "upright")
+    box = declined.locator(".compare").bounding_box()
     assert box is not None
-    touch = page.context.new_cdp_session(page)
+    touch = declined.context.new_cdp_session(declined)
     for kind, points in (
         ("touchStart", [(0.3, 0.2)]),
         ("touchMove", [(0.32, 0.5)]),
@@ -223,31 +220,29 @@ def test_by_touch(page: Page, grey: Path) -> None:
     ):
         at = [{"x": box["x"] + x * box["width"], "y": box["y"] + y * box["height"]} for x, y in points]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
-    expect(page.locator(".end")).to_have_count(2)
-    assert np.allclose(_lines(page)[0], [0.3, 0.2, 0.34, 0.8], atol=0.02)
+    expect(declined.locator(".end")).to_have_count(2)
+    assert np.allclose(_lines(declined)[0], [0.3, 0.2, 0.34, 0.8], atol=0.02)
 
 
-def test_the_result_and_a_loupe_are_shown_while_an_end_is_dragged(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    _draw(page, "upright")
-    with page.expect_response("**/after?*lines=*"):
-        _drag(page, (0.3, 0.1), (0.36, 0.9))
-    wait_for(page, "changed")
-    inset, picture = page.locator(".layer.after"), page.locator(".compare")
+def test_the_result_and_a_loupe_are_shown_while_an_end_is_dragged(declined: Page) -> None:
+    _draw(declined, "upright")
+    with declined.expect_response("**/after?*lines=*"):
+        _drag(declined, (0.3, 0.1), (0.36, 0.9))
+    wait_for(declined, "changed")
+    inset, picture = declined.locator(".layer.after"), declined.locator(".compare")
     assert 0.2 < inset.bounding_box()["width"] / picture.bounding_box()["width"] < 0.4  # type: ignore[index]
-    end = page.get_by_role("button", name="Point 2 of line 1, upright line")
+    end = declined.get_by_role("button", name="Point 2 of line 1, upright line")
     end.hover()
     box = end.bounding_box()
     assert box is not None
-    page.mouse.down()
-    with page.expect_response("**/after?*lines=*draft=1*"):
-        page.mouse.move(box["x"] - 30, box["y"], steps=3)
-    expect(page.locator(".loupe")).to_be_visible()
-    assert "blob:" in page.locator(".loupe").evaluate("node => node.style.backgroundImage")
-    page.mouse.up()
-    expect(page.locator(".loupe")).to_be_hidden()
-    wait_for(page, "changed")
+    declined.mouse.down()
+    with declined.expect_response("**/after?*lines=*draft=1*"):
+        declined.mouse.move(box["x"] - 30, box["y"], steps=3)
+    expect(declined.locator(".loupe")).to_be_visible()
+    assert "blob:" in declined.locator(".loupe").evaluate("node => node.style.backgroundImage")
+    declined.mouse.up()
+    expect(declined.locator(".loupe")).to_be_hidden()
+    wait_for(declined, "changed")
 
 
 # ---- pulled ----------------------------------------------------------------------------------------------
@@ -345,37 +340,19 @@ def test_bend_and_turn_are_pulled_too(page: Page, pole: Path) -> None:
 # ---- numbers ---------------------------------------------------------------------------------------------
 
 
-def test_numbers_start_at_what_was_found_and_are_saved_as_a_motion(page: Page, photo: Path, tmp_path: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.locator("#by-hand summary").click()
-    lean = page.locator("#lean-number")
+def test_numbers_start_at_what_was_found(street: Page) -> None:
+    street.locator("#by-hand summary").click()
+    lean = street.locator("#lean-number")
     found = float(lean.input_value())
     assert found != 0
     lean.fill("3")
     lean.press("Enter")
-    expect(page.locator(SAID)).to_contain_text("Straightened by hand")
+    expect(street.locator(SAID)).to_contain_text("Straightened by hand")
     expect(lean).to_have_value("3")
-    page.locator("#turn-number").fill("1.5")
-    page.locator("#turn-number").press("Enter")
-    page.locator("#strength-number").fill("150")
-    page.locator("#strength-number").press("Enter")
-    page.locator("#edges").select_option("keep")
-    wait_for(page)
-    page.locator("#advanced summary").click()
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save motion").click()
-    motion = Path(download.value.path())
-    assert json.loads(motion.read_text())["estimator"] == "by-hand"
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
-    (tmp_path / "motion.json").write_bytes(motion.read_bytes())
-    flags = ["--motion", tmp_path / "motion.json", "--edges", "keep", "--strength", "1.5"]
-    assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
-    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
-    page.get_by_role("button", name="Remove all of it").click()
+    enter(street, "#turn-number", "1.5")
+    street.get_by_role("button", name="Remove all of it").click()
     expect(lean).to_have_value(f"{found:.1f}")
-    expect(page.locator(SAID)).to_contain_text("Straightened: some places")
+    expect(street.locator(SAID)).to_contain_text("Straightened: some places")
 
 
 def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Path, basilica) -> None:
@@ -389,28 +366,25 @@ def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Pa
     wait_for(page, "changed")
 
 
-def test_steps_by_hand_are_undone_one_by_one(page: Page, grey: Path) -> None:
-    drop(page, grey)
-    wait_for(page, "alone")
-    undo = page.get_by_role("button", name="Undo", exact=True)
-    _draw(page, "upright")
+def test_steps_by_hand_are_undone_one_by_one(declined: Page) -> None:
+    undo = declined.get_by_role("button", name="Undo", exact=True)
+    _draw(declined, "upright")
     expect(undo).to_be_disabled()
     for x in (0.2, 0.7):
-        with page.expect_response("**/after?*lines=*"):
-            _drag(page, (x, 0.1), (x + 0.06, 0.9))
-    page.get_by_role("button", name="Done").click()
-    expect(page.locator(".handle")).to_be_visible()  # before and after again
-    page.locator("#lean-number").fill("4")
-    page.locator("#lean-number").press("Enter")
-    page.get_by_role("button", name="Remove all of it").click()
-    wait_for(page, "alone")
+        with declined.expect_response("**/after?*lines=*"):
+            _drag(declined, (x, 0.1), (x + 0.06, 0.9))
+    declined.get_by_role("button", name="Done").click()
+    expect(declined.locator(".handle")).to_be_visible()  # before and after again
+    enter(declined, "#lean-number", "4")
+    declined.get_by_role("button", name="Remove all of it").click()
+    wait_for(declined, "alone")
     for lines, lean in ((2, True), (2, False), (1, False)):
-        page.locator("#stage").focus()
-        page.keyboard.press("Control+z")
-        expect(page.locator(".lines-list li")).to_have_count(lines)
-        number = expect(page.locator("#lean-number"))
+        declined.locator("#stage").focus()
+        declined.keyboard.press("Control+z")
+        expect(declined.locator(".lines-list li")).to_have_count(lines)
+        number = expect(declined.locator("#lean-number"))
         number.to_have_value("4.0") if lean else number.not_to_have_value("4.0")
-        wait_for(page, "changed")
+        wait_for(declined, "changed")
     undo.click()
-    wait_for(page, "alone")
+    wait_for(declined, "alone")
     expect(undo).to_be_disabled()

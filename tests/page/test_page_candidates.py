@@ -8,8 +8,8 @@ from pathlib import Path
 from playwright.sync_api import Page, expect
 
 from support import clips
-from support.batches import rectify
-from support.browser import drop, wait_for
+from support.batches import rectified
+from support.browser import drop, saved, wait_for
 from support.motion_photos import item, motion_photo, packet
 from unshutter import RowMotion
 from unshutter.motion.warp import distort_pixels
@@ -29,36 +29,33 @@ def _drawn(page: Page, number: int) -> bool:
     )
 
 
-def test_one_click_takes_a_candidate_and_saving_takes_it_too(page: Page, photo: Path, tmp_path: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    shown = page.locator("#candidates button")
+def test_one_click_takes_a_candidate_and_saving_takes_it_too(street: Page, photo: Path, tmp_path: Path) -> None:
+    shown = street.locator("#candidates button")
     assert shown.count() > 1  # already, so that the picture does not move any more
     expect(shown.first).to_contain_text("as it is")
     expect(shown.nth(1)).to_contain_text("uneven motion")
     expect(shown.nth(1)).to_contain_text(" px · ")
-    expect(page.locator("#candidates [aria-pressed=true]")).to_have_count(1)
-    page.wait_for_function("() => [...document.querySelectorAll('#candidates canvas')].every(node => node.width > 40)")
-    assert all(_drawn(page, number) for number in (1, 2))
-    listed = page.evaluate("() => [...document.querySelectorAll('#candidates button')].map(node => node.textContent)")
-    with page.expect_response("**/after?*candidate=*") as response:
-        page.get_by_role("button", name=STILL).click()
+    expect(street.locator("#candidates [aria-pressed=true]")).to_have_count(1)
+    street.wait_for_function(
+        "() => [...document.querySelectorAll('#candidates canvas')].every(node => node.width > 40)"
+    )
+    assert all(_drawn(street, number) for number in (1, 2))
+    listed = street.evaluate("() => [...document.querySelectorAll('#candidates button')].map(node => node.textContent)")
+    with street.expect_response("**/after?*candidate=*") as response:
+        street.get_by_role("button", name=STILL).click()
     number = int(response.value.url.partition("candidate=")[2].partition("&")[0])
-    wait_for(page, "alone")
-    expect(page.locator(SAID)).to_contain_text("Left unchanged, as you asked.")
-    expect(page.locator("#advice")).to_be_hidden()
-    expect(page.get_by_role("button", name=STILL)).to_have_attribute("aria-pressed", "true")
-    page.keyboard.press("2")
-    wait_for(page, "changed")
+    wait_for(street, "alone")
+    expect(street.locator(SAID)).to_contain_text("Left unchanged, as you asked.")
+    expect(street.locator("#advice")).to_be_hidden()
+    expect(street.get_by_role("button", name=STILL)).to_have_attribute("aria-pressed", "true")
+    street.keyboard.press("2")
+    wait_for(street, "changed")
     expect(shown.nth(1)).to_have_attribute("aria-pressed", "true")
     assert number <= len(listed)
-    page.locator("#edges").select_option("keep")
-    expect(page.locator(SAID)).to_contain_text("stay empty")
-    wait_for(page)
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
-    assert rectify(photo, "-o", tmp_path / "expected.jpg", "--edges", "keep") == 0
-    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
+    street.locator("#edges").select_option("keep")
+    expect(street.locator(SAID)).to_contain_text("stay empty")
+    wait_for(street)
+    assert saved(street) == rectified(photo, "--edges", "keep")
 
 
 def test_a_candidate_that_the_program_would_not_take(page: Page, tmp_path: Path, facade) -> None:
@@ -75,10 +72,7 @@ def test_a_candidate_that_the_program_would_not_take(page: Page, tmp_path: Path,
     expect(button).to_have_attribute("aria-pressed", "true")
     wait_for(page, "changed")
     expect(page.locator(".sureness")).to_have_count(0)  # a person has said it
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save this photo").click()
-    assert rectify(photo, "-o", tmp_path / "expected.png", "--candidate", str(number)) == 0
-    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()
+    assert saved(page) == rectified(photo, "--candidate", str(number))
     page.get_by_role("button", name="Reset").click()
     expect(button).to_have_attribute("aria-pressed", "false")
 
@@ -100,48 +94,39 @@ def test_all_photos_get_the_settings_but_not_the_candidate(page: Page, photo: Pa
     assert packed.read("other.rectified.jpg") != photo.read_bytes()
 
 
-def test_another_way_to_find_the_motion_forgets_the_candidate(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.get_by_role("button", name=STILL).click()
-    wait_for(page, "alone")
-    with page.expect_response("**/candidates?*moving=yes*") as response:
-        page.get_by_label("The camera was moving").select_option("yes")
-    assert "candidate=" not in response.value.url
-    assert json.loads(response.value.text())[0]["taken"] in (True, False)
-    wait_for(page, "changed")
-
-
-def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(page: Page, photo: Path) -> None:
-    """The likeliest motion may still be inexact: what is uncertain is explained, and the figure is a tooltip."""
-    drop(page, photo)
-    wait_for(page)
-    shown = page.locator("#candidates button")
-    expect(shown.filter(has_text="likeliest")).to_have_count(1)
-    expect(page.locator("#candidates")).not_to_contain_text("%")
-    chances = page.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.value)")
-    assert len(chances) > 1 and 0 < max(chances) <= 1
-    widths = page.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.clientWidth)")
-    assert max(widths) - min(widths) <= 1  # one scale for all bars
-    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"[Ii]t helps with a probability of .* %"))
-    line = page.evaluate("async () => (await import('/page/words.js')).words.doubtedHelp")
-    doubted = page.locator("[data-sure=tentative].sureness, [data-sure=doubtful].sureness").count()
-    expect(page.locator("#panel .said").get_by_text(line)).to_have_count(doubted)
-    page.get_by_label("The camera was moving").select_option("yes")  # then the chance of standing still says nothing
-    expect(page.locator("#candidates")).not_to_contain_text("likeliest")
-    expect(page.locator("#candidates meter")).to_have_count(0)
-
-
-def test_as_it_is_ticks_leave_this_photo_alone(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.get_by_role("button", name=STILL).click()
-    wait_for(page, "alone")
-    alone = page.get_by_label("Leave this photo alone")
+def test_as_it_is_leaves_the_photo_alone_until_its_motion_is_found_another_way(street: Page) -> None:
+    street.get_by_role("button", name=STILL).click()
+    wait_for(street, "alone")
+    alone = street.get_by_label("Leave this photo alone")
     expect(alone).to_be_checked()
     alone.uncheck()
-    wait_for(page, "changed")
-    expect(page.get_by_role("button", name=STILL)).to_have_attribute("aria-pressed", "false")
+    wait_for(street, "changed")
+    expect(street.get_by_role("button", name=STILL)).to_have_attribute("aria-pressed", "false")
+    street.get_by_role("button", name=STILL).click()
+    wait_for(street, "alone")
+    with street.expect_response("**/candidates?*moving=yes*") as response:
+        street.get_by_label("The camera was moving").select_option("yes")
+    assert "candidate=" not in response.value.url
+    assert json.loads(response.value.text())[0]["taken"] in (True, False)
+    wait_for(street, "changed")
+
+
+def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(street: Page) -> None:
+    """The likeliest motion may still be inexact: what is uncertain is explained, and the figure is a tooltip."""
+    shown = street.locator("#candidates button")
+    expect(shown.filter(has_text="likeliest")).to_have_count(1)
+    expect(street.locator("#candidates")).not_to_contain_text("%")
+    chances = street.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.value)")
+    assert len(chances) > 1 and 0 < max(chances) <= 1
+    widths = street.locator("#candidates meter").evaluate_all("nodes => nodes.map(node => node.clientWidth)")
+    assert max(widths) - min(widths) <= 1  # one scale for all bars
+    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"[Ii]t helps with a probability of .* %"))
+    line = street.evaluate("async () => (await import('/page/words.js')).words.doubtedHelp")
+    doubted = street.locator("[data-sure=tentative].sureness, [data-sure=doubtful].sureness").count()
+    expect(street.locator("#panel .said").get_by_text(line)).to_have_count(doubted)
+    street.get_by_label("The camera was moving").select_option("yes")  # then the chance of standing still says nothing
+    expect(street.locator("#candidates")).not_to_contain_text("likeliest")
+    expect(street.locator("#candidates meter")).to_have_count(0)
 
 
 def test_why_the_video_inside_a_photo_says_nothing(page: Page, facade, tmp_path: Path) -> None:

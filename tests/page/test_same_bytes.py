@@ -1,6 +1,5 @@
 """One photo or clip, one result: the page, the command line and Python write the same bytes, whatever the format."""
 
-import zipfile
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -12,7 +11,7 @@ from PIL import Image
 
 import unshutter
 from support import clips
-from support.page_server import events, opened, run_command
+from support.page_server import opened, run_command, zipped
 from support.rich_files import exif
 
 
@@ -56,11 +55,8 @@ def _write_deep(path: Path, pixels: np.ndarray) -> None:
 
 def _from_the_page(client: httpx.Client, ids: list[str], options: dict[str, str]) -> dict[str, bytes]:
     """Returns the files of a zip file of all, by name."""
-    items = [{"id": id, "options": options} for id in ids]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
-    told = list(events(client, saving["id"]))[-1]
-    assert told["state"] == "finished" and not [each for each in told["done"] if "error" in each], told
-    packed = zipfile.ZipFile(BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+    done, packed = zipped(client, [{"id": id, "options": options} for id in ids])
+    assert not [each for each in done if "error" in each], done
     return {name: packed.read(name) for name in packed.namelist()}
 
 
@@ -125,10 +121,8 @@ def test_clips(client: httpx.Client, tmp_path: Path) -> None:
         clips.write(originals / "walk.mov", moving, "prores_ks", "yuv422p10le"),
         clips.write(originals / "still.mkv", clips.standing(8), "ffv1"),
     ]
-    ids = []
+    ids = [opened(client, video, "clips") for video in videos]
     for video in videos:
-        answer = client.post("/api/clips", content=video.read_bytes(), headers={"Unshutter-Name": video.name})
-        ids.append(answer.json()["id"])
         run_command("video", video, "-o", commands / video.name, *clips.KNOWN)
         unshutter.rectify_clip(str(video), str(python / video.name), readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
     on_page = _from_the_page(client, ids, {"readout-ratio": str(clips.RATIO), "focal-px": str(clips.FOCAL)})

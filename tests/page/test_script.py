@@ -1,6 +1,5 @@
 """The house of the page's script: its sizes, its states, and whether its types say what the program sends."""
 
-import json
 import re
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from playwright.sync_api import Page
 
 from support import clips
+from support.page_server import facts, opened
 
 WEB = Path(__file__).parents[2] / "src" / "unshutter" / "page" / "web"
 
@@ -67,31 +67,23 @@ def _agrees(name: str, sent: dict, unread: set[str] = frozenset()) -> None:
     assert always <= set(sent) <= always | sometimes | unread, (name, set(sent) ^ (always | sometimes))
 
 
-def _opened(client: httpx.Client, kind: str, path: Path) -> str:
-    answer = client.post(f"/api/{kind}", content=path.read_bytes(), headers={"Unshutter-Name": path.name})
-    return f"/api/{kind}/{answer.json()['id']}"
-
-
 def test_types_say_what_the_program_sends_of_photos(client: httpx.Client, photo: Path) -> None:
     _agrees("About", client.get("/api/about").json(), {"version"})
-    address = _opened(client, "photos", photo)
-    facts = client.get(f"{address}/before", params={"longest": 320}).headers["unshutter-result"]
-    _agrees("PhotoFacts", json.loads(facts))
+    address = f"/api/photos/{opened(client, photo)}"
+    _agrees("PhotoFacts", facts(client.get(f"{address}/before", params={"longest": 320})))
     unread = {"please_look", "left_px", "expected_error_px", "source", "not_upright", "cause", "figures"}
     for options in ({}, {"strength": "0"}, {"upright": "full"}):
-        asked = {"longest": 320, **options}
-        result = client.get(f"{address}/after", params=asked).headers["unshutter-result"]
-        _agrees("PhotoResult", json.loads(result), unread)
+        _agrees("PhotoResult", facts(client.get(f"{address}/after", params={"longest": 320, **options})), unread)
     for candidate in client.get(f"{address}/candidates").json():
         _agrees("Candidate", candidate)
     _agrees("Refusal", client.get(f"{address}/after", params={"strength": "9"}).json())
 
 
 def test_types_say_what_the_program_sends_of_clips(client: httpx.Client, tmp_path: Path) -> None:
-    address = _opened(client, "clips", clips.write(tmp_path / "walk.mp4", clips.moving(12)[1]))
+    walk = clips.write(tmp_path / "walk.mp4", clips.moving(12)[1])
+    address = f"/api/clips/{opened(client, walk, 'clips')}"
     asked = {"longest": 320, "moment": 2, "readout-ratio": "0.6"}
-    facts, result = (client.get(f"{address}/{which}", params=asked) for which in ("before", "after"))
-    _agrees("ClipFacts", json.loads(facts.headers["unshutter-result"]))
-    sent = json.loads(result.headers["unshutter-result"])
-    _agrees("ClipResult", sent, {"code", "figures"})
+    before, after = (facts(client.get(f"{address}/{which}", params=asked)) for which in ("before", "after"))
+    _agrees("ClipFacts", before)
+    _agrees("ClipResult", after, {"code", "figures"})
     _agrees("ReadoutTime", client.get(f"{address}/readout", params={"readout-ratio": "0.6"}).json(), {"reason"})

@@ -1,8 +1,6 @@
 """The server as a process: what it gives programs."""
 
-import io
 import json
-import zipfile
 from pathlib import Path
 
 import httpx
@@ -10,10 +8,11 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.batches import rectified
 from support.camera_files import heic
 from support.covering import thorough
 from support.frame_pairs import Scene
-from support.page_server import events, opened, run_command
+from support.page_server import events, facts, opened, run_command, saving, sent, zipped
 from unshutter.photo import Photo
 
 # ---- what it gives ---------------------------------------------------------------------------------------
@@ -39,7 +38,7 @@ def test_a_picture_is_the_command_lines_to_the_byte(
         saved = client.get(f"/api/photos/{id}/picture", params=options)
         assert saved.content == expected.read_bytes()
         client.get(f"/api/photos/{id}/after", params=options)  # whose motion is then used again
-    assert json.loads(saved.headers["unshutter-result"])["changed"] == (options.get("strength") != "0")
+    assert facts(saved)["changed"] == (options.get("strength") != "0")
     changed_name = "street.jpg.rectified.png" if "format" in options else "street.rectified.jpg"
     name = "street.jpg" if options.get("strength") == "0" else changed_name
     assert json.loads(saved.headers["unshutter-name"]) == name
@@ -81,11 +80,9 @@ def test_neighbours_are_open_photos(client: httpx.Client, tmp_path: Path) -> Non
 
 def test_what_the_page_is_told(client: httpx.Client, photo: Path) -> None:
     id = opened(client, photo)
-    before = client.get(f"/api/photos/{id}/before", params={"longest": "320"})
-    facts = json.loads(before.headers["unshutter-result"])
-    assert (facts["width"], facts["height"]) == (560, 420)
-    after = client.get(f"/api/photos/{id}/after", params={"longest": "320", "edges": "crop"})
-    told = json.loads(after.headers["unshutter-result"])
+    size = facts(client.get(f"/api/photos/{id}/before", params={"longest": "320"}))
+    assert (size["width"], size["height"]) == (560, 420)
+    told = facts(client.get(f"/api/photos/{id}/after", params={"longest": "320", "edges": "crop"}))
     assert told["changed"] and told["edges"] == "crop" and len(told["tx_px"]) == len(told["rz_deg"])
     left, top, right, bottom = told["crop"]
     assert (right - left) * (bottom - top) == pytest.approx(told["area_left"], abs=1e-6)
@@ -97,16 +94,15 @@ def test_what_the_page_is_told(client: httpx.Client, photo: Path) -> None:
 # ---- saving many ---------------------------------------------------------------------------------------
 
 
-def test_a_zip_file_of_all(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
-    ids = [opened(client, photo) for _ in range(2)]
-    photos = [{"id": ids[0]}, {"id": ids[1], "options": {"strength": "0.5"}}]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": photos}).json()
-    told = list(events(client, saving["id"]))[-1]
-    assert told["state"] == "finished" and [one["changed"] for one in told["done"]] == [True, True]
-    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+def test_a_zip_file_of_all(client: httpx.Client, photo: Path) -> None:
+    """One that cannot be saved does not spoil the others."""
+    broken = sent(client, "../../broken.jpg", b"no photo")
+    photos = [{"id": opened(client, photo)}, {"id": opened(client, photo), "options": {"strength": "0.5"}}]
+    done, packed = zipped(client, [{"id": broken}, *photos])
+    assert "is not a JPEG" in done[0]["error"] and "/" not in done[0]["error"]
+    assert [one["changed"] for one in done[1:]] == [True, True]
     assert packed.namelist() == ["street.rectified.jpg", "street.rectified-2.jpg"]
-    run_command("rectify", photo, "-o", tmp_path / "half.jpg", "--strength", "0.5")
-    assert packed.read("street.rectified-2.jpg") == (tmp_path / "half.jpg").read_bytes()
+    assert packed.read("street.rectified-2.jpg") == rectified(photo, "--strength", "0.5")
 
 
 @pytest.mark.parametrize("only_changed", [True, False])
@@ -114,46 +110,24 @@ def test_unchanged_ones_keep_their_names_or_are_left_out(
     client: httpx.Client, photo: Path, tmp_path: Path, only_changed: bool
 ) -> None:
     still = clips.write(tmp_path / "still.mp4", [clips.moving(2)[1][0]] * 8)
-    video = client.post("/api/clips", content=still.read_bytes(), headers={"Unshutter-Name": "still.mp4"}).json()["id"]
-    iphones = {"Unshutter-Name": "IMG_1.HEIC"}
     grey = heic(np.full((300, 400, 3), 128, np.uint8))
-    ids = [client.post("/api/photos", content=grey, headers=iphones).json()["id"] for _ in range(2)]
-    photos = [{"id": each} for each in (*ids, opened(client, photo))]
-    items = [*photos, {"id": video, "options": {"readout-ratio": "0.6"}}]
-    body = {"to": "zip", "photos": items, "only_changed": only_changed}
-    saving = client.post("/api/saves", json=body).json()
-    told = list(events(client, saving["id"]))[-1]
-    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+    photos = [{"id": each} for each in (*(sent(client, "IMG_1.HEIC", grey) for _ in range(2)), opened(client, photo))]
+    items = [*photos, {"id": opened(client, still, "clips"), "options": {"readout-ratio": "0.6"}}]
+    done, packed = zipped(client, items, only_changed=only_changed)
     unchanged = [] if only_changed else ["IMG_1.HEIC", "IMG_1-2.HEIC"]
     assert packed.namelist() == [*unchanged, "street.rectified.jpg", *([] if only_changed else ["still.mp4"])]
-    assert [each.get("result") for each in told["done"]].count(None) == (3 if only_changed else 0)
+    assert [each.get("result") for each in done].count(None) == (3 if only_changed else 0)
     assert all(packed.read(name) == grey for name in unchanged)
     assert only_changed or packed.read("still.mp4") == still.read_bytes()
-
-
-def test_a_photo_that_cannot_be_saved_does_not_spoil_the_others(
-    client: httpx.Client, photo: Path, tmp_path: Path
-) -> None:
-    name = {"Unshutter-Name": "../../broken.jpg"}
-    broken = client.post("/api/photos", content=b"no photo", headers=name).json()["id"]
-    photos = [{"id": broken}, {"id": opened(client, photo)}]
-    saving = client.post("/api/saves", json={"to": "zip", "photos": photos}).json()
-    told = list(events(client, saving["id"]))[-1]["done"]
-    assert "is not a JPEG" in told[0]["error"] and str(tmp_path) not in told[0]["error"]
-    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
-    assert packed.namelist() == ["street.rectified.jpg"]
 
 
 def test_saving_is_cancelled(client: httpx.Client, photo: Path) -> None:
     id = opened(client, photo)
     hanging = {"id": id, "options": {"estimator": "hanging"}}
-    saving = client.post("/api/saves", json={"to": "zip", "photos": [{"id": id}, hanging]}).json()
-    with client.stream("GET", f"/api/saves/{saving['id']}/events") as stream:
-        next(
-            line for line in stream.iter_lines() if line.startswith("data: ") and len(json.loads(line[6:])["done"]) == 1
-        )
-    assert client.delete(f"/api/saves/{saving['id']}").json()["state"] == "cancelled"
-    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+    task = saving(client, [{"id": id}, hanging])
+    next(told for told in events(client, task) if len(told["done"]) == 1)
+    assert client.delete(f"/api/saves/{task}").json()["state"] == "cancelled"
+    assert client.get(f"/api/saves/{task}/file").status_code == 404
     assert client.get(f"/api/photos/{id}/after").status_code == 200
 
 
@@ -175,14 +149,15 @@ def test_savings_that_are_refused(client: httpx.Client, body: bytes, told: str) 
     assert answer.status_code == 400 and told in answer.json()["error"]
 
 
-@pytest.mark.parametrize("options", [b'{"\\ud800": "x"}', b'{"estimator": "\\ud800"}'])
-def test_half_a_character_is_no_text(client: httpx.Client, photo: Path, options: bytes) -> None:
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (b'{"\\ud800": "x"}', "each photo is"),  # half a character is no text
+        (b'{"estimator": "\\ud800"}', "each photo is"),
+        (b'{"a\\nb\\u001b": "x"}', "unknown field 'a\\nb\\x1b'"),
+    ],
+)
+def test_refusals_are_one_line(client: httpx.Client, photo: Path, options: bytes, told: str) -> None:
     body = b'{"to": "zip", "photos": [{"id": "%s", "options": %s}]}' % (opened(client, photo).encode(), options)
     answer = client.post("/api/saves", content=body)
-    assert answer.status_code == 400 and "each photo is" in answer.json()["error"]
-
-
-def test_refusals_are_one_line(client: httpx.Client, photo: Path) -> None:
-    item = {"id": opened(client, photo), "options": {"a\nb\x1b": "x"}}
-    answer = client.post("/api/saves", json={"to": "zip", "photos": [item]})
-    assert answer.status_code == 400 and answer.json()["error"].startswith("unknown field 'a\\nb\\x1b'")
+    assert answer.status_code == 400 and answer.json()["error"].startswith(told)

@@ -41,6 +41,13 @@ def rectify(*arguments: object) -> int:
     return main(["rectify", *map(str, arguments)])
 
 
+def rectified(photo: Path, *flags: object) -> bytes:
+    """The file that ``unshutter rectify`` writes of a photo."""
+    result = photo.with_name(f"expected{photo.suffix}")
+    assert rectify(photo, "-o", result, "--overwrite", *flags) == 0
+    return result.read_bytes()
+
+
 def start_rectify(*arguments: object, **options) -> subprocess.Popen:
     """``unshutter rectify`` in a process of its own."""
     command = [sys.executable, "-m", "unshutter", "rectify", *map(str, arguments)]

@@ -73,6 +73,19 @@ def drop(page: Page, *photos: Path) -> None:
     page.dispatch_event("html", "drop", {"dataTransfer": transfer})
 
 
+def saved(page: Page, button: str = "Save this photo") -> bytes:
+    """Presses a button; returns the file that the browser then downloads."""
+    with page.expect_download() as download:
+        page.get_by_role("button", name=button).click()
+    return Path(download.value.path()).read_bytes()
+
+
+def enter(page: Page, selector: str, value: str) -> None:
+    """Types a value into a field, and presses Enter."""
+    page.locator(selector).fill(value)
+    page.locator(selector).press("Enter")
+
+
 def wait_for(page: Page, state: str = "changed", number: int = 1, timeout: float = SLOW_MS) -> None:
     """Waits until a thumbnail, counted from 1, is in a state, and the page at rest."""
     item = page.locator(f"#thumbnails li:nth-child({number}) .thumbnail")

@@ -10,8 +10,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
+from zipfile import ZipFile
 
 import httpx
 from starlette.types import ASGIApp
@@ -149,10 +152,36 @@ def becomes(true: Callable[[], bool], within_s: float = LONG_S) -> bool:
     return true()
 
 
-def opened(client: httpx.Client, photo: Path) -> str:
-    answer = client.post("/api/photos", content=photo.read_bytes(), headers={"Unshutter-Name": photo.name})
+def sent(client: httpx.Client, name: str, data: bytes, kind: str = "photos") -> str:
+    """Opens a photo or clip; returns its id."""
+    answer = client.post(f"/api/{kind}", content=data, headers={"Unshutter-Name": quote(name)})
     assert answer.status_code == 201
     return answer.json()["id"]
+
+
+def opened(client: httpx.Client, path: Path, kind: str = "photos") -> str:
+    return sent(client, path.name, path.read_bytes(), kind)
+
+
+def facts(answer: httpx.Response) -> dict[str, Any]:
+    """What the header of a picture says about it."""
+    assert answer.status_code == 200, answer.text
+    return json.loads(answer.headers["unshutter-result"])
+
+
+def saving(client: httpx.Client, items: list[dict[str, Any]], to: str = "zip", **more: object) -> str:
+    """Begins to save photos and clips; returns the id of the task."""
+    answer = client.post("/api/saves", json={"to": to, "photos": items, **more})
+    assert answer.status_code == 202
+    return answer.json()["id"]
+
+
+def zipped(client: httpx.Client, items: list[dict[str, Any]], **more: object) -> tuple[list[dict], ZipFile]:
+    """Saves photos and clips; returns what is told of each, and the zip file."""
+    id = saving(client, items, **more)
+    told = list(events(client, id))[-1]
+    assert told["state"] == "finished", told
+    return told["done"], ZipFile(BytesIO(client.get(f"/api/saves/{id}/file").content))
 
 
 def events(client: httpx.Client, id: str) -> Iterator[dict[str, Any]]:
