@@ -10,8 +10,12 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av
+from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.options.clip_options import ClipUndo, RectifyClip, Steadiness
 from unshutter.page.opened import (
     MOMENTS,
@@ -27,18 +31,30 @@ from unshutter.page.opened import (
 from unshutter.page.screen import as_jpeg
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.reasons import Code, JsonObject, Reason
+from unshutter.video.calibrate.camera import ClipCamera, find_camera, parts_to_survey, time_without_search
+from unshutter.video.calibrate.clip_gyro import log_of_clip
+from unshutter.video.calibrate.gain import is_tested
+from unshutter.video.calibrate.readout_time import wobble_in_survey
+from unshutter.video.calibrate.sampled_frames import SampledFrames
+from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
+from unshutter.video.file.encoders import writable
+from unshutter.video.file.pixels import ArrayFrame, PixelFormat, of_file, upright
+from unshutter.video.file.row_samples import ROWS
+from unshutter.video.file.video_writer import encode_pairs
+from unshutter.video.file.work import Stage
+from unshutter.video.plan import Leave, Plan, Undo, plan_by_all
+from unshutter.video.render.clip_motion import MovingFrame, with_motion
+from unshutter.video.render.enlargement import Enlargement
+from unshutter.video.render.frame_warper import Warper
+from unshutter.video.render.rendering import Rendering, expected, with_hidden_borders, with_steady_views
+from unshutter.video.render.stabilisation import CameraPath
 
 if TYPE_CHECKING:
-    import numpy as np
     from av import VideoFrame
 
     from unshutter.motion.shapes import UInt8
-    from unshutter.video.calibrate.camera import ClipCamera
-    from unshutter.video.calibrate.sampled_frames import SampledFrames
-    from unshutter.video.file.clip import ClipRequest
-    from unshutter.video.file.clip_facts import ClipFacts
-    from unshutter.video.plan import Plan
-    from unshutter.video.render.clip_motion import MovingFrame
 
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
 _EXCERPT_S = 8.0  # longest video
@@ -52,8 +68,6 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
     ``moment`` counts the moments from 0, evenly spaced; ``longest`` is the longer side [px], or None for full size.
     """
-    from unshutter.video.file.encoders import writable
-
     with _look(open_file) as clip:
         moments_s = [_moment_time(clip, options, k) for k in range(MOMENTS)]
         frame = _frame_at(clip, moments_s[moment])
@@ -72,14 +86,8 @@ def after(
     that would be cropped are kept, and the frame is enlarged as far as it needs itself: the area common to all frames
     is known only once the whole clip has been read.
     """
-    from unshutter.video.file.pixels import of_file
-    from unshutter.video.render.enlargement import Enlargement
-    from unshutter.video.render.frame_warper import Warper
-    from unshutter.video.render.stabilisation import CameraPath
-
     with _look(open_file) as clip:
-        edges = options.undo.edges
-        undo = replace(options.undo, edges="keep") if edges == "crop" else options.undo
+        undo = _shown_undo(options)
         warper = Warper(clip, undo)
         moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
         motion = warper.motion(moving)
@@ -91,7 +99,12 @@ def after(
         if not motion.is_zero:
             motion = motion.resized(*motion.scan_direction.frame_size(clip.height, clip.width))
         pixels = _small(of_file(warper.rectified(moving).picture), longest, of_file(moving.frame))
-        result = {"changed": not motion.is_zero, "largest_px": motion.largest_px, "edges": edges, "reason": ""}
+        result = {
+            "changed": not motion.is_zero,
+            "largest_px": motion.largest_px,
+            "edges": options.undo.edges,
+            "reason": "",
+        }
         if moving.found.reason is not None:
             about = reason_json(moving.found.reason)
             result |= {"reason": about["sentence"], "code": about["code"], "figures": about["figures"]}
@@ -100,8 +113,6 @@ def after(
 
 def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObject:
     """Returns the readout time of a clip's camera, its error and its source, and the clip's wobble as JSON."""
-    from unshutter.video.file.clip import ClipRequest
-
     with _look(open_file) as clip:
         request = _as_usual(ClipRequest.of(clip, options, progress_of(open_file)))
         _planned(open_file, request)
@@ -135,8 +146,6 @@ def excerpt(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
 
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> JsonObject:
     """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
-    from unshutter.video.clip_rectification import rectify_clip_file
-
     progress.note_progress("frames", 0, 0)
     with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
         planned = partial(_planned, open_file)
@@ -148,17 +157,12 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 @contextmanager
 def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
     """Looks at the clip; errors in the block refer to files by names that the user recognises."""
-    from unshutter.video.file.clip_facts import read_clip_facts
-
     with errors_of(open_file):
         yield read_clip_facts(open_file.path)
 
 
 def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, SampledFrames, float | None]:
     """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble: found once, and kept."""
-    from unshutter.video.calibrate.camera import find_camera, parts_to_survey
-    from unshutter.video.calibrate.clip_gyro import log_of_clip
-    from unshutter.video.calibrate.readout_time import wobble_in_survey
 
     def find() -> tuple[ClipCamera, SampledFrames, float | None]:
         camera, evidence = find_camera(request)
@@ -170,7 +174,6 @@ def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Sa
 
 def _planned(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
     """Returns the request of a clip whose camera is known, the camera, and the plan: made once, and kept."""
-    from unshutter.video.plan import Leave, plan_by_all
 
     def plan_for(steadiness: Steadiness) -> tuple[ClipCamera, Plan]:
         camera, evidence, _ = _found_in(open_file, request)
@@ -194,14 +197,16 @@ def _as_usual(request: ClipRequest) -> ClipRequest:
 
 def _shown_plan(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Plan]:
     """Returns a clip's camera, and the plan by which its moments and videos are shown."""
-    from unshutter.video.calibrate.gain import is_tested
-    from unshutter.video.plan import Leave, Undo
-
     _, camera, plan = _planned(open_file, _as_usual(request))
     if is_tested(request.options):
         return camera, plan
     declined = camera.readout_time.declined
     return camera, Undo() if declined is None else Leave(declined)
+
+
+def _shown_undo(options: RectifyClip) -> ClipUndo:
+    """Returns how motion is undone in what is shown: the crop common to all frames is known only at the clip's end."""
+    return replace(options.undo, edges="keep") if options.undo.edges == "crop" else options.undo
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
@@ -212,7 +217,6 @@ def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
 
 
 def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
-
     for frame in clip.frames_between(max(time_s - clip.interval_s / 2, 0.0)):
         return frame
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: the selected part ends earlier")
@@ -220,14 +224,6 @@ def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
 
 def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_s: float, usual: bool) -> MovingFrame:
     """Returns the frame at a time [s] and its motion, which is cached."""
-    from unshutter.motion import RowMotion
-    from unshutter.motion.finding import Finding
-    from unshutter.video.calibrate.camera import ClipCamera, time_without_search
-    from unshutter.video.file.clip import ClipRequest
-    from unshutter.video.file.row_samples import ROWS
-    from unshutter.video.plan import Leave, Undo
-    from unshutter.video.render.clip_motion import MovingFrame, with_motion
-
     request = ClipRequest.of(clip, options)
     if usual:
         camera, plan = ClipCamera(time_without_search(request)), Undo()
@@ -250,8 +246,6 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
 
 def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.ndarray:
     """Returns the [H, W, 3] RGB pixels of a frame, turned upright as another frame states."""
-    from unshutter.video.file.pixels import upright
-
     scale = 1.0 if longest is None else min(longest / max(frame.height, frame.width), 1.0)
     height, width = (max(2, round(side * scale)) for side in (frame.height, frame.width))
     return upright(frame.reformat(width, height, format="rgb24").to_ndarray(), turned_as)
@@ -264,21 +258,7 @@ def _pairs(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, moment: int
 ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
     """Yields small frames around a moment, before and after side by side."""
-    import numpy as np
-
-    from unshutter.motion.edges import EdgePolicy
-    from unshutter.motion.warp import warp_plane
-    from unshutter.video.file.clip import ClipRequest
-    from unshutter.video.file.pixels import of_file, upright
-    from unshutter.video.file.work import Stage
-    from unshutter.video.plan import Undo
-    from unshutter.video.render.frame_warper import Warper
-    from unshutter.video.render.rendering import Rendering, expected, with_hidden_borders, with_steady_views
-    from unshutter.video.render.views import grid_of_motion
-
     progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
-    # what would be cropped is black: the area common to all frames is known only once the whole clip has been read
-    beyond = EdgePolicy("keep" if options.undo.edges == "crop" else options.undo.edges).black_beyond
     first = max(_moment_time(clip, options, moment) - _EXCERPT_S / 2, start_s)
     last = min(first + min(_EXCERPT_S, _EXCERPT_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
@@ -292,23 +272,22 @@ def _pairs(
         rendering = with_steady_views(rendering)
     if options.may_enlarge:
         rendering = with_hidden_borders(rendering)
-    warper = Warper(clip, part.undo)
+    undo = _shown_undo(part)
     steps = request.steps("film", Stage.DRAW)
     for moving in rendering.moving(clip.frames_between(first, last)):
         frame = of_file(moving.frame)
         scale = min(_EXCERPT_SIDE / max(frame.height, frame.width), 1.0)
         height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
         before = frame.reformat(width, height, format="rgb24").to_ndarray()
-        after = np.empty_like(before)
-        grid = grid_of_motion(warper.motion(moving), height, width, moving.view)
-        warp_plane(before, grid, after, black_beyond=beyond)
+        pixels = PixelFormat.of_array(before)
+        warper = Warper(replace(clip, height=height, width=width, pixels=pixels, side_data={}), undo)
+        small = replace(moving, frame=ArrayFrame(before, frame.time or 0.0))
+        (after,) = pixels.arrays(warper.rectified(small).picture)
         yield np.concatenate([upright(each, frame) for each in (before, after)], axis=1)
         steps.advance()
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:
-    from unshutter.video.file.video_writer import encode_pairs
-
     # a sixth of the work of VP8's fastest setting; keyframes are frequent enough for scrubbing
     settings = {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "g": "15", "crf": _QUALITY, "b": "0"}
     with av().open(str(file), "w", format="webm") as container:
