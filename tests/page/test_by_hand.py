@@ -12,8 +12,8 @@ from support.batches import rectified
 from support.page_server import facts, opened
 from unshutter import RowMotion
 from unshutter.motion.finding import Finding
+from unshutter.motion.lean import Lean
 from unshutter.orientation import Orientation
-from unshutter.page.photo_jobs import _shape
 from unshutter.page.screen import pixels_of, shares
 from unshutter.photo import Photo
 
@@ -95,4 +95,6 @@ def test_what_is_refused(client: httpx.Client, photo: Path, options: dict[str, s
 
 def test_a_lean_counts_from_the_first_row_wherever_that_is_put() -> None:
     motion = RowMotion(300, np.linspace(20, 60, 400), np.zeros(400))
-    assert _shape(motion) == pytest.approx({"lean_deg": math.degrees(math.atan(0.1)), "bend_percent": 0, "turn_deg": 0})
+    assert vars(Lean.of(motion)) == pytest.approx(
+        {"lean_deg": math.degrees(math.atan(0.1)), "bend_percent": 0, "turn_deg": 0}
+    )

@@ -131,6 +131,11 @@ class Certainty(StrEnum):
         """Returns the word for a confidence."""
         return next(word for least, word in CERTAINTIES if confidence >= least)
 
+    @property
+    def is_doubted(self) -> bool:
+        """Whether someone should compare a result of this certainty with the photo."""
+        return self in (Certainty.TENTATIVE, Certainty.DOUBTFUL)
+
 
 # least confidence of each word: calibrated probabilities
 CERTAINTIES = (
@@ -223,7 +228,7 @@ class Verdict:
     @property
     def needs_a_look(self) -> bool:
         """Whether a large motion is undone that is not even likely, so that someone should compare both pictures."""
-        doubted = self.certainty in (Certainty.TENTATIVE, Certainty.DOUBTFUL)
+        doubted = self.certainty is not None and self.certainty.is_doubted
         return doubted and self.largest_px > _LARGE * self.finding.motion.height
 
     @property

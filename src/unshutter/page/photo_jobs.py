@@ -16,11 +16,11 @@ import numpy as np
 
 from unshutter.api import motion_of_lines
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.motion import Motion, RowMotion
 from unshutter.motion.edges import EdgeDecision, EdgePolicy, valid_window
 from unshutter.motion.finding import Candidate, Finding
 from unshutter.motion.grid import Tile, rs_to_gs_map
-from unshutter.motion.verdict import Certainty, Verdict, judge
+from unshutter.motion.lean import Lean
+from unshutter.motion.verdict import LEAST_PX, Certainty, Verdict, judge
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import LEAST_GOOD_CROP, DecisionOptions, Find, Rectify, Undo
 from unshutter.orientation import Orientation
@@ -91,6 +91,7 @@ def candidates(open_file: OpenFile, options: PhotoOptions) -> list[JsonObject]:
             "kind": each.kind,
             "direction": each.direction if each.kind == "pan" else None,
             "largest_px": round(verdict.largest_px, 2),  # at the requested strength
+            "visible": each.kind == "still" or verdict.largest_px >= LEAST_PX,
             "within_error": each.is_within_error,
             "probability": rounded(each.probability, 4),
             "certainty": None if each.kind == "still" or each.probability is None else Certainty.of(each.probability),
@@ -153,7 +154,7 @@ def after(
         else:
             finding, undo = _find(open_file, photo, options)
             pixels, result = _rectify_alone(photo, small_copy(open_file, photo, longest), finding, undo, draft)
-            shape = {name: round(value, 3) for name, value in _shape(finding.motion).items()}
+            shape = {name: round(value, 3) for name, value in vars(Lean.of(finding.motion)).items()}
             result |= {"shape": shape, "readout": str(finding.motion.scan_direction)}
             if options.hand.lines:
                 result["lines"] = _straighten_lines(open_file, photo, asked.find, options.hand.lines)[1]
@@ -281,20 +282,6 @@ def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int)
 # ---- the motion ------------------------------------------------------------------------------------------------
 
 
-def _shape(motion: Motion) -> dict[str, float]:
-    """Describes a motion by the three numbers that are set by hand on the page.
-
-    The lean is the angle by which the change in t_x from the first row to the last slants vertical lines; the bend, the
-    deviation of t_x at the middle row from the line between those two; the turn, r_z of the last row minus the first's.
-    """
-    tx = motion.tx_px
-    rz = motion.rz_rad
-    rows = motion.height
-    bend = (tx[(rows - 1) // 2] + tx[rows // 2]) / 2 - (tx[0] + tx[-1]) / 2
-    lean_deg, turn_deg = (math.degrees(angle) for angle in (math.atan((tx[-1] - tx[0]) / rows), rz[-1] - rz[0]))
-    return {"lean_deg": lean_deg, "bend_percent": 100 * float(bend) / rows, "turn_deg": turn_deg}
-
-
 def _find(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Finding, Undo]:
     """Returns the motion before strength is applied, and how to undo it: at any confidence if it was set by hand."""
     asked = options.rectify
@@ -361,17 +348,10 @@ def _lines(text: str, photo: Photo) -> list[DrawnLine]:
 
 def _adjust(finding: Finding, hand: ByHand) -> Finding:
     """Returns a motion set by hand: the one that was found, changed by the numbers."""
-    motion = finding.motion
-    shape = _shape(motion)
-    u = np.linspace(0, 1, motion.height)
-    wanted = shape | {name: value for name in shape if (value := getattr(hand, name)) is not None}
-    lean = math.tan(math.radians(wanted["lean_deg"])) - math.tan(math.radians(shape["lean_deg"]))
-    bend, turn = (wanted[name] - shape[name] for name in ("bend_percent", "turn_deg"))
-    tx_px = motion.tx_px + motion.height * (lean * u + bend / 100 * 4 * u * (1 - u))
-    rz_rad = motion.rz_rad + math.radians(turn) * u
-    adjusted = RowMotion(motion.width, tx_px, rz_rad, scan_direction=motion.scan_direction)
+    lean = Lean.of(finding.motion)
+    numbers = {name: value for name in vars(lean) if (value := getattr(hand, name)) is not None}
     try:
-        adjusted.check_unfolded()
+        adjusted = replace(lean, **numbers).given_to(finding.motion)
     except UnshutterError:
         raise UsageError("no camera moves like that: the picture would fold over itself") from None
     return Finding(adjusted, estimator=NAME, source=MotionSource.HAND)

@@ -81,6 +81,7 @@ def advice(reason: Reason, cause: Cause | None = None) -> tuple[str, ...]:
 def verdict_json(verdict: Verdict) -> JsonObject:
     """Returns a verdict as JSON, worded for the page and with advice."""
     data = verdict.as_json()
+    data["doubted"] = verdict.certainty is not None and verdict.certainty.is_doubted
     if verdict.reason is not None and not verdict.undoes:
         said = sentence(verdict.reason)
         offered = advice(verdict.reason, verdict.cause)

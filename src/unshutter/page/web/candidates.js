@@ -3,7 +3,7 @@
 /** @import { Candidate, Item } from "./types.js" */
 
 import { PictureRow } from "./picture_row.js";
-import { LEAST_PX, words } from "./words.js";
+import { words } from "./words.js";
 
 export class Candidates extends PictureRow {
   /** @type {number[]} of the candidates, from 1, as they are shown */
@@ -21,7 +21,7 @@ export class Candidates extends PictureRow {
   show(item) {
     if (item.kind === "clip" || item.state === "failed" || item.between) return super.fill(item, []);
     const numbered = item.candidates.map((candidate, index) => ({ ...candidate, number: index + 1 }));
-    const seen = numbered.filter(({ kind, largest_px: px }) => kind === "still" || px >= LEAST_PX);
+    const seen = numbered.filter(({ visible }) => visible);
     const moving = (/** @type {Candidate} */ one) => Number(one.kind !== "still");
     const listed = seen.length > 1 ? seen.sort((one, other) => moving(one) - moving(other)) : [];
     const likeliest = item.options.moving ? null : Math.max(...listed.map(({ probability }) => probability ?? 0));

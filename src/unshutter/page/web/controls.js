@@ -10,7 +10,7 @@ import { make } from "./nodes.js";
 import { Panel } from "./panel.js";
 import { goesWithNeighbours } from "./photo.js";
 import { button, check, keys, quiet, row, section } from "./widgets.js";
-import { DOUBTED, words } from "./words.js";
+import { words } from "./words.js";
 
 const ARROWS = { auto: "?", down: "↓", up: "↑", right: "→", left: "←" };
 const WAYS = /** @type {(keyof typeof ARROWS)[]} */ (Object.keys(ARROWS));
@@ -119,10 +119,9 @@ function said(photo) {
   if (result.film) lines.push(make("p", words.videoUnused(result.film.sentence)));
   const sure = result.changed && !result.code && !photo.byHand && result.certainty;
   if (!sure) return lines;
-  const doubted = DOUBTED.includes(sure);
-  if (doubted) lines.push(quiet(words.doubtedHelp));
+  if (result.doubted) lines.push(quiet(words.doubtedHelp));
   const title = words.confidence(result.confidence);
-  return [make("p.sureness", { "data-sure": sure, title }, words.sureAtLength(sure, doubted)), ...lines];
+  return [make("p.sureness", { "data-sure": sure, title }, words.sureAtLength(sure, result.doubted)), ...lines];
 }
 
 /** @param {Photo} photo */

@@ -1,11 +1,11 @@
 // The thumbnails: a button for each photo or clip, with its state and how sure the answer is.
 
-/** @import { Box, Item } from "./types.js" */
+/** @import { Photo } from "./photo.js" @import { Box, Item } from "./types.js" */
 
 import { make, putName } from "./nodes.js";
 import { AT_WORK, shownState } from "./states.js";
 import { button, press } from "./widgets.js";
-import { DOUBTED, words } from "./words.js";
+import { words } from "./words.js";
 
 const SIDE = 160; // px, of the longer side
 
@@ -18,7 +18,7 @@ const known = ({ state, result }) => state === "done" || (state === "finding" &&
 const FILTERS = {
   all: () => true,
   changed: (item) => known(item) && Boolean(item.result?.changed),
-  look: (item) => item.state === "asking" || (FILTERS.changed(item) && DOUBTED.includes(certaintyOf(item))),
+  look: (item) => item.state === "asking" || (FILTERS.changed(item) && item.kind === "photo" && isDoubted(item)),
   alone: (item) => item.kind === "photo" && known(item) && !item.result?.changed,
   failed: ({ state }) => state === "failed",
 };
@@ -26,6 +26,9 @@ const NAMES = /** @type {Filter[]} */ (Object.keys(FILTERS));
 
 /** @param {Item} item */
 const certaintyOf = (item) => (item.kind === "photo" && !levelled(item) && item.result?.certainty) || "";
+
+/** @param {Photo} photo */
+const isDoubted = (photo) => !levelled(photo) && Boolean(photo.result?.doubted);
 
 /** Whether a photo was levelled, but its motion was not undone. @param {Item} item */
 const levelled = ({ kind, result }) => kind === "photo" && Boolean(result?.changed && result.code);

@@ -69,6 +69,7 @@ export interface PhotoResult {
   largest_px: number;
   confidence: number | null;
   certainty: Certainty | null;
+  doubted: boolean; // whether that asks for a look
   upright?: { roll_deg: number; tilt_deg: number | null };
   reason?: string; // in the page's words, where its motion is not undone
   code?: string;
@@ -97,6 +98,7 @@ export interface Candidate {
   kind: "still" | "pan" | "hand" | "quadratic" | "other";
   direction: "left" | "right" | "up" | "down" | null;
   largest_px: number;
+  visible: boolean; // whether it is the photo as it is, or moves places by so much that it is seen
   within_error: boolean;
   probability: number | null;
   certainty: Certainty | null;

@@ -13,8 +13,6 @@ const count = (n, one, many = `${one}s`) => (n === 1 ? `1 ${one}` : `${n} ${many
 /** @param {number} deg */
 const degrees = (deg) => `${Math.abs(deg).toFixed(1)}°`;
 
-export const DOUBTED = ["tentative", "doubtful"]; // words for a confidence (motion/verdict.py) that asks for a look
-export const LEAST_PX = 0.5; // less than this looks like no motion
 const NUMBERS = ["", "", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"];
 const [cancel, reset] = ["Cancel", "Reset"];
 const downloads = "the downloads of your browser";
@@ -153,9 +151,9 @@ export const words = {
   candidates: "What it could be",
   candidate: { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" },
   pan: { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" },
-  candidateFigures: ({ largest_px: px, within_error: within, probability: share, certainty }, likeliest) => {
+  candidateFigures: ({ kind, largest_px: px, within_error: within, probability: share, certainty }, likeliest) => {
     const chance = share !== null && share === likeliest ? "likeliest" : certainty;
-    return [px < LEAST_PX || within ? "" : pixels(px), chance].filter(Boolean).join(" · ");
+    return [kind === "still" || within ? "" : pixels(px), chance].filter(Boolean).join(" · ");
   },
   candidateHelp: ({ kind, within_error: within, probability: share }) => {
     const chance = share === null ? "" : ` with a probability of ${percent(share)}`;
