@@ -1,4 +1,4 @@
-"""What the application's folder has beside the program: its icon, and the licences of all that is in it."""
+"""Adds the icon, and the licences of all bundled software, to the application's folder."""
 
 from __future__ import annotations
 

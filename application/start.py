@@ -1,4 +1,4 @@
-"""Where the application starts: files are opened on the page, and the words of the command line are understood, too."""
+"""Entry point of the application: opens files on the page, and runs the commands of the command line."""
 
 import html
 import io

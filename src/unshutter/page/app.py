@@ -1,4 +1,4 @@
-"""The page's server as an ASGI application: its addresses, and the handlers of their requests."""
+"""The page's server as an ASGI application: routes and request handlers."""
 
 from __future__ import annotations
 

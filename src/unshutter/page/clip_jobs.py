@@ -1,4 +1,4 @@
-"""Jobs on a clip: a few moments and short videos to look at, the readout time, and the whole clip."""
+"""Jobs on clips: previews of single moments, short before-and-after videos, the readout time, and the whole clip."""
 
 from __future__ import annotations
 
@@ -156,13 +156,13 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 
 @contextmanager
 def _look(open_file: OpenFile) -> Iterator[ClipFacts]:
-    """Looks at the clip; errors in the block refer to files by names that the user recognises."""
+    """Reads the facts of the clip; errors in the block refer to files by names that the user recognises."""
     with errors_of(open_file):
         yield read_clip_facts(open_file.path)
 
 
 def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, SampledFrames, float | None]:
-    """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble: found once, and kept."""
+    """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble; cached."""
 
     def find() -> tuple[ClipCamera, SampledFrames, float | None]:
         camera, evidence = find_camera(request)
@@ -173,7 +173,7 @@ def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Sa
 
 
 def _planned(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
-    """Returns the request of a clip whose camera is known, the camera, and the plan: made once, and kept."""
+    """Returns the request with the camera filled in, the camera, and the plan; cached."""
 
     def plan_for(steadiness: Steadiness) -> tuple[ClipCamera, Plan]:
         camera, evidence, _ = _found_in(open_file, request)
@@ -191,12 +191,12 @@ def _planned(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, Cl
 
 
 def _as_usual(request: ClipRequest) -> ClipRequest:
-    """Returns the request by which a clip is judged before its user has said how to undo its motion."""
+    """Returns the request with default options for undoing motion, by which a clip is judged at first."""
     return replace(request, options=replace(request.options, undo=ClipUndo(), steadiness=Steadiness()))
 
 
 def _shown_plan(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Plan]:
-    """Returns a clip's camera, and the plan by which its moments and videos are shown."""
+    """Returns a clip's camera, and the plan for its previews."""
     _, camera, plan = _planned(open_file, _as_usual(request))
     if is_tested(request.options):
         return camera, plan

@@ -1,4 +1,4 @@
-"""Middleware that protects the server from other sites, from strangers, and from requests too large or slow.
+"""Middleware that rejects requests from other sites and strangers, and bodies that are too large or too slow.
 
 Websites can make a browser send requests to 127.0.0.1. Three checks keep them out: the Host must be one of ours
 (which rules out DNS rebinding), the Origin must be the page's own, and the API requires the access token, which other

@@ -1,4 +1,4 @@
-"""The page that runs already: where a second start finds it, and the files that lead the browser to it.
+"""Lets a second start find the running page, and leads browsers to it.
 
 All of it lies in a folder that only its user can read. The running server holds the lock there, however it ends. A
 second start asks it to write a link there: neither an old file nor another program on the same port is taken for it.

@@ -1,4 +1,4 @@
-"""The jobs of worker processes, by name: the server, which only passes them on, loads neither NumPy nor OpenCV."""
+"""Jobs of worker processes, called by name so that the server need not load NumPy and OpenCV."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 else:
 
     class _Jobs:
-        """A module whose functions are called in worker processes, and is loaded there."""
+        """A module whose functions run in worker processes; only they load it."""
 
         def __init__(self, module: str):
             self._module = module

@@ -1,4 +1,4 @@
-"""Opens the page in the browser, with files: the page that runs already, or a new one that ends after its last tab."""
+"""Opens files on the page in a browser, and starts the page if it is not running."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open photos and clips: their files, the cache of each, the progress of a job, and errors that name them."""
+"""Open photos and clips: their files and caches, the progress of jobs, and error messages."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def put_text(file: Path, text: str) -> None:
 
 
 def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], T]) -> T:
-    """Returns what ``make`` returned as JSON for these options, made now unless a worker has done so before."""
+    """Returns the result of ``make`` for these options as JSON, from the cache if it is there."""
     file = open_file.path.with_name(f"{what}-{hash_options(*key)}.json")
     if not file.exists():
         put_text(file, json.dumps(make()))
@@ -100,7 +100,7 @@ def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable
 
 
 def remembered(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], T]) -> T:
-    """Returns what ``make`` returned, of whatever kind; nobody but this program writes into the folder."""
+    """Returns the result of ``make``, of any type, from the cache if it is there: only this program writes there."""
     file = open_file.path.with_name(f"{what}-{hash_options(*key)}.pickle")
     if not file.exists():
         made = make()

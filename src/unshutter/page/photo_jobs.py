@@ -1,4 +1,4 @@
-"""Jobs on a photo: small upright previews with facts about them, and files as the command line writes them.
+"""Jobs on photos: upright previews with facts about them, and results identical to the command line's.
 
 The motion of an open photo is estimated and cached, or set by hand with lines drawn on it and numbers.
 """

@@ -1,4 +1,4 @@
-"""Tasks that save photos and clips: one as a file, several as a zip file; and the names of these files."""
+"""Background tasks that save photos and clips, one as a file, several as a ZIP file, and the names of these files."""
 
 from __future__ import annotations
 

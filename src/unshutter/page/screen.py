@@ -1,4 +1,4 @@
-"""Upright pictures for the screen, and positions in them.
+"""Upright previews for the screen, and conversion of positions to and from them.
 
 Positions for the page are shares of the upright picture's width and height, with (0, 0) at the top left corner.
 """

@@ -1,4 +1,4 @@
-"""Why a photo, moment or clip is left unchanged, as the page says it, and the buttons that it then offers."""
+"""The page's wording of why something is left unchanged, and the buttons that it offers then."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of ``unshutter serve``, and the options of photos and clips: read from queries, and described to the page.
+"""Settings of ``unshutter serve``, and the form fields for options of photos and clips.
 
 Fields of a query are named after command-line flags, without dashes in front.
 """

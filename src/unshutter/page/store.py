@@ -1,4 +1,4 @@
-"""The server's state: open photos and clips in a temporary folder, worker processes, settings.
+"""The server's state: open photos and clips in a temporary folder, worker processes, and settings.
 
 Worker processes isolate the server from crashes in decoders. A lane is a worker process that runs one job at a time, so
 that a crash can be traced to its job. Jobs queue for a lane in order of urgency; the last free lane is reserved for

@@ -1,4 +1,4 @@
-"""The browser's tabs that show the page: the server may end with the last of them, and they get files to open.
+"""Browser tabs that show the page: they keep the server running, and receive files to open.
 
 While a browser shows the page, one of its tabs holds a request open (web/tab.js), which ends however that tab ends.
 Only seconds during which the server ran are counted: a laptop may sleep while a browser starts.
