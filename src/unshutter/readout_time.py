@@ -24,6 +24,7 @@ class ReadoutSource(StrEnum):
     MOTION_FILE = "motion file"
     # of photos: the kind of their camera or shutter
     LEAF = "leaf shutter or CCD"
+    GLOBAL = "global shutter"
     FOCAL_PLANE = "focal-plane shutter"
     PHONE = "phone"
     DRONE = "drone or action camera"

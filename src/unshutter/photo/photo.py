@@ -318,8 +318,8 @@ class Photo(FileOutput):
         return exposure.is_merged(self._metadata.exif)
 
     def readout_time(self) -> ReadoutTime:
-        """Returns the likely readout time for the kind of camera named in EXIF."""
-        return readout_times.readout_time(self._metadata.exif)
+        """Returns the likely readout time for the kind of camera named in EXIF, and the shutter that it states."""
+        return readout_times.readout_time(self._metadata.exif, self._metadata.xmp)
 
     @cached_property
     def attitude(self) -> Attitude | None:

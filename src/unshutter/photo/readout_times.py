@@ -9,9 +9,16 @@ from pathlib import Path
 
 from unshutter.errors import shortened, visible
 from unshutter.photo import exif
+from unshutter.photo.shutter import Shutter, stated_shutter
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 
 _TABLE = Path(__file__).with_name("photo_readout_times.csv")
+_WITH_A_CHOICE = (ReadoutSource.EITHER, ReadoutSource.FOCAL_PLANE, ReadoutSource.DRONE, ReadoutSource.LEAF)
+_OF_SHUTTER = {
+    Shutter.IN_LENS: ReadoutTime.of_ms(0, ReadoutSource.LEAF),
+    Shutter.MECHANICAL: ReadoutTime.of_ms(4, ReadoutSource.FOCAL_PLANE, plausible_ms=(0, 10)),
+    Shutter.ELECTRONIC: ReadoutTime.of_ms(50, ReadoutSource.ELECTRONIC, plausible_ms=(0, 300)),
+}
 _MAKE = 0x010F
 _MODEL = 0x0110
 
@@ -31,10 +38,20 @@ def camera_in_words(blob: bytes | None) -> str:
     return visible(shortened(f"{'an' if named[:1] in 'AEIOaeio' else 'a'} {named}"))
 
 
-def readout_time(blob: bytes | None) -> ReadoutTime:
-    """Returns the readout time of the camera named in an EXIF blob; that of an unknown camera if none is named."""
+def readout_time(blob: bytes | None, xmp: bytes | None = None) -> ReadoutTime:
+    """Returns the readout time of the camera named in an EXIF blob; that of an unknown camera if none is named.
+
+    The shutter that the camera states, in the maker's note or in XMP, counts more than what its kind usually has.
+    """
     tree = exif.read(blob)
-    return readout_time_of(tree.text(_MAKE), tree.text(_MODEL))
+    make = tree.text(_MAKE)
+    time = readout_time_of(make, tree.text(_MODEL))
+    if time.source not in _WITH_A_CHOICE:
+        return time
+    shutter = stated_shutter(tree, make.strip().lower(), xmp)
+    if shutter is None or (shutter is Shutter.ELECTRONIC and time.source is ReadoutSource.DRONE):
+        return time
+    return _OF_SHUTTER[shutter]
 
 
 def readout_time_of(make: str, model: str) -> ReadoutTime:
