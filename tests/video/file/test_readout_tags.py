@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 from support import clips
-from support.gpmf import entry, with_samples
+from support.gpmf import entry, with_samples, with_settings
 from unshutter.video.file.camera_tags import CameraTags
 from unshutter.video.file.clip_facts import read_clip_facts
 from unshutter.video.file.mp4 import Movie
@@ -29,6 +29,14 @@ def test_gopros_is_in_its_telemetry(tmp_path):
     assert tag.camera == "GoPro" and tag.ms == pytest.approx(20.6, abs=1e-5)
     tag = readout_tag(with_samples(tmp_path / "b.mp4", b"gpmd", with_srot(11, b"S", ">H")))
     assert tag.ms == pytest.approx(11)
+
+
+def test_newer_gopros_state_it_for_the_whole_file(tmp_path):
+    path = clips.write(tmp_path / "a.mp4", clips.standing(3))
+    with_settings(path, entry(b"MINF", b"c", b"HERO12 Black") + entry(b"SROT", b"f", struct.pack(">f", 15.25), 4))
+    assert (readout_tag(path).ms, readout_tag(path).camera) == (pytest.approx(15.25), "GoPro")
+    with_settings(path := clips.write(tmp_path / "b.mp4", clips.standing(3)), entry(b"SROT", b"f", b"\x7f\xc0\0\0", 4))
+    assert readout_tag(path) is None  # not a number
 
 
 def test_camms_is_the_skew_of_its_rows(tmp_path):

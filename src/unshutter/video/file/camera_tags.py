@@ -1,11 +1,11 @@
 """What a clip's camera states in its file: the readout time, and how it was set.
 
-Cameras write readout times into MP4 and QuickTime files. GoPro: SROT, in the telemetry track [ms]. Apple: a key of the
-movie or of the video's track [us]. CAMM, the motion metadata of Android and street-view cameras: packets of type 1, the
-skew from the first row to the last [ns].
+Cameras write readout times into MP4 and QuickTime files. GoPro: SROT [ms], among the settings of the file from HERO8
+on, before that in the telemetry track. Apple: a key of the movie or of the video's track [us]. CAMM, the motion
+metadata of Android and street-view cameras: packets of type 1, the skew from the first row to the last [ns].
 
-Sources: gopro/gpmf-parser, README (the key); QuickTime File Format Specification (metadata
-keys); Google, Camera Motion Metadata Specification 1.0; names of keys as exiftool.org lists them (facts only).
+Sources: gopro/gpmf-parser, README (the key); QuickTime File Format Specification (metadata keys); Google, Camera Motion
+Metadata Specification 1.0; names of keys as exiftool.org lists them (facts only).
 """
 
 from __future__ import annotations
@@ -110,6 +110,10 @@ def _number(data: bytes) -> float | None:
 
 
 def _gopro(movie: Movie) -> Iterator[float]:
+    stated = gpmf.settings(movie).get(b"SROT", b"")
+    if len(stated) == 4:
+        yield struct.unpack(">f", stated)[0]
+        return
     for _, packet in islice(gpmf.packets(movie), _MOST_CHUNKS):
         for entry in gpmf.entries(packet):
             if entry.key == b"SROT":
