@@ -73,7 +73,7 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.render.frame_warper import Warper
-from unshutter.video.plan import Undo
+from unshutter.video.decision import RectifyFrames
 from unshutter.video.render.rendering import Rendering
 from unshutter.options.clip_options import ClipUndo, Encode, RectifyClip, Shutter
 
@@ -87,7 +87,7 @@ options = RectifyClip(
 )
 clip = read_clip_facts(source)
 request = ClipRequest.of(clip, options)
-rendering = Rendering(request, ClipCamera(ReadoutTime(ratio * clip.interval_s)), Undo())
+rendering = Rendering(request, ClipCamera(ReadoutTime(ratio * clip.interval_s)), RectifyFrames())
 
 def count(items):
     with closing(items) as items:

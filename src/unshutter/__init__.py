@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from unshutter.single.drawn_lines import DrawnLine
     from unshutter.single.estimator import Estimator, View
     from unshutter.single.register import load
-    from unshutter.video.calibrate.measurement import ClipMeasurement, measure_clips
     from unshutter.video.clip_functions import rectify_clip, rectify_clip_frames
+    from unshutter.video.measurement import ClipMeasurement, measure_clips
     from unshutter.video.outcome import ClipOutcome
 
 
@@ -90,7 +90,7 @@ _HOMES = {
     "single.estimator": ("Estimator", "View"),
     "single.register": ("load",),
     "video.clip_functions": ("rectify_clip", "rectify_clip_frames"),
-    "video.calibrate.measurement": ("ClipMeasurement", "measure_clips"),
+    "video.measurement": ("ClipMeasurement", "measure_clips"),
     "video.outcome": ("ClipOutcome",),
 }
 

@@ -64,7 +64,6 @@ class ReadoutTime:
     camera: str = ""  # name of the camera, or of the cameras for which it is typical; empty if that says nothing
     plausible_s: tuple[float, float] | None = None  # least and greatest plausible time [s]; None if the time is known
     instead_of: Reason | None = None  # why a clip does not reveal its own time, if a usual one was used
-    declined: Reason | None = None  # why a clip's frames must not be straightened with it; None if they may
     # what the clip's frames show for certain, if that differs; below 0: from the bottom [s]
     shown_s: float | None = None
 

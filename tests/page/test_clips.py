@@ -40,7 +40,7 @@ from unshutter.page.app import application
 from unshutter.page.opened import OpenFile, ProgressFile
 from unshutter.page.settings import Settings, fields, read_clip
 from unshutter.reasons import Code
-from unshutter.video.calibrate import camera, gain
+from unshutter.video.calibrate import gain, questions
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 RATIO = {"readout-ratio": "0.6", "focal-px": str(clips.FOCAL)}
@@ -151,16 +151,16 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
         real = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *given: asked.append(name) or real(*given))
 
-    counted(camera, "sample_frames")
-    counted(gain, "gain_of_clip")
+    counted(questions, "sample_frames")
+    counted(gain, "gain_of_parts")
     clip_jobs.measure_readout_time(stored, RectifyClip())
     clip_jobs.after(stored, RectifyClip(), 2, 320)
-    judged = ["sample_frames", "gain_of_clip"]
+    judged = ["sample_frames", "gain_of_parts"]
     result, expected = tmp_path / "saved.mkv", tmp_path / "expected.mkv"
     for flags, again in (
         ({"edges": "keep", "zoom-limit": "5", "stabilize": "2"}, []),
         ({"end": "0.8"}, judged),
-        ({"strength": "0.5"}, ["gain_of_clip"]),
+        ({"strength": "0.5"}, ["gain_of_parts"]),
         ({"strength": "0.5"}, []),
     ):
         asked.clear()

@@ -23,7 +23,7 @@ from unshutter.version import extra
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
     from unshutter.video.calibrate.clip_gyro import ClipGyro
-    from unshutter.video.calibrate.measurement import ClipMeasurement
+    from unshutter.video.measurement import ClipMeasurement
     from unshutter.video.outcome import ClipOutcome
     from unshutter.video.render.enlargement import Enlargement
     from unshutter.video.render.stabilisation import Stabilisation
@@ -163,9 +163,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
         view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
         yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}{now}"
-    if outcome.gyro is not None and (
-        outcome.gyro.rotations is not None or outcome.gyro.reason != outcome.readout_time.declined
-    ):
+    if outcome.gyro is not None and (outcome.gyro.rotations is not None or outcome.gyro.reason != outcome.unfit):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
         yield f"unshutter: not kept, because it cannot be written into such a file: {', '.join(outcome.left_out)}"
@@ -177,10 +175,9 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
 
 def _ways_to_straighten(outcome: ClipOutcome) -> Iterator[str]:
     """Yields what the user can do about a clip that was left unchanged."""
-    declined = outcome.readout_time.declined
-    if declined is not None and declined.code is Code.GYRO_DISAGREES:
+    if outcome.unfit is not None and outcome.unfit.code is Code.GYRO_DISAGREES:
         yield "unshutter: if the gyro log is not this clip's: --gyro off"
-    if declined is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
+    if outcome.unfit is not None or any(reason.code is Code.NO_GAIN for reason in outcome.reasons):
         yield "unshutter: to straighten it anyway, give its readout time: --readout-ms"
 
 
@@ -273,7 +270,7 @@ def _measure(arguments: Measure) -> int:
     for name in arguments.clip:
         if Path(name).suffix.lower() in SUFFIXES:
             raise UsageError(f"{name} is a photo: only clips show their readout time")
-    from unshutter.video.calibrate.measurement import measure_clips
+    from unshutter.video.measurement import measure_clips
 
     options = arguments.options
     found = measure_clips(arguments.clip, one_camera=options.one_camera, start=options.start, end=options.end)

@@ -31,12 +31,14 @@ from unshutter.page.opened import (
 from unshutter.page.screen import as_jpeg
 from unshutter.page.sentences import reason_json, sentence
 from unshutter.reasons import Code, JsonObject, Reason
-from unshutter.video.calibrate.camera import ClipCamera, find_camera, parts_to_survey, time_without_search
+from unshutter.video.calibrate.camera import ClipCamera, find_camera
 from unshutter.video.calibrate.clip_gyro import log_of_clip
 from unshutter.video.calibrate.gain import is_tested
-from unshutter.video.calibrate.readout_time import wobble_in_survey
+from unshutter.video.calibrate.questions import open_question
+from unshutter.video.calibrate.readout_time import time_without_search, wobble_in_survey
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.decision import Decision, Leave, RectifyFrames, decide, why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import writable
@@ -44,7 +46,6 @@ from unshutter.video.file.pixels import ArrayFrame, PixelFormat, of_file, uprigh
 from unshutter.video.file.row_samples import ROWS
 from unshutter.video.file.video_writer import encode_pairs
 from unshutter.video.file.work import Stage
-from unshutter.video.plan import Leave, Plan, Undo, plan_by_all
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement
 from unshutter.video.render.frame_warper import Warper
@@ -115,7 +116,7 @@ def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObjec
     """Returns the readout time of a clip's camera, its error and its source, and the clip's wobble as JSON."""
     with _look(open_file) as clip:
         request = _as_usual(ClipRequest.of(clip, options, progress_of(open_file)))
-        _planned(open_file, request)
+        _decided(open_file, request)
         camera, _, wobble_px = _found_in(open_file, request)
         time = camera.readout_time
         return {
@@ -130,7 +131,7 @@ def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObjec
             # range of the typical time, of which no frame takes longer than one; None if the time is known
             "plausible_ms": time.plausible_ms and [min(each, 1000 * clip.interval_s) for each in time.plausible_ms],
             "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time stands in
-            "left": time.declined is not None,  # whether the clip is left as it is, unless its time is given
+            "left": why_unfit(camera) is not None,  # whether the clip is left as it is, unless its time is given
         }
 
 
@@ -148,8 +149,8 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
     """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
     progress.note_progress("frames", 0, 0)
     with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
-        planned = partial(_planned, open_file)
-        record = rectify_clip_file(str(open_file.path), str(target), options, progress, planned).as_json()
+        decided = partial(_decided, open_file)
+        record = rectify_clip_file(str(open_file.path), str(target), options, progress, decided).as_json()
     declined = [sentence(Reason.from_json(each)) for each in record["declined"]]
     return {**{name: record[name] for name in ("frames", "rectified", "left_out")}, "declined": declined}
 
@@ -168,26 +169,26 @@ def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Sa
         camera, evidence = find_camera(request)
         return camera, evidence, wobble_in_survey(evidence, camera.complete(request).frame_size[0])
 
-    parts = parts_to_survey(request, log_of_clip(request))
+    _, parts = open_question(request, log_of_clip(request))
     return remembered(open_file, "camera", (request.options.shutter, request.span, parts), find)
 
 
-def _planned(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Plan]:
-    """Returns the request with the camera filled in, the camera, and the plan; cached."""
+def _decided(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Decision]:
+    """Returns the request with the camera filled in, the camera, and the decision; cached."""
 
-    def plan_for(steadiness: Steadiness) -> tuple[ClipCamera, Plan]:
+    def decide_for(steadiness: Steadiness) -> tuple[ClipCamera, Decision]:
         camera, evidence, _ = _found_in(open_file, request)
         options = replace(request.options, steadiness=steadiness)
-        return camera, plan_by_all(camera.complete(replace(request, options=options)), camera, evidence)
+        return camera, decide(camera.complete(replace(request, options=options)), camera, evidence)
 
     options = request.options
     undo = (options.undo.reference, options.undo.strength, options.undo.model)
     key = (options.shutter, request.span, undo)
-    camera, plan = remembered(open_file, "plan", key, lambda: plan_for(Steadiness()))
-    nothing = isinstance(plan, Leave) and plan.reason.code is Code.NOTHING_TO_SEE
+    camera, decision = remembered(open_file, "plan", key, lambda: decide_for(Steadiness()))
+    nothing = isinstance(decision, Leave) and decision.reason.code is Code.NOTHING_TO_SEE
     if nothing and options.steadiness.stabilize is not None:  # which plans otherwise
-        camera, plan = remembered(open_file, "steady", key, lambda: plan_for(options.steadiness))
-    return camera.complete(request), camera, plan
+        camera, decision = remembered(open_file, "steady", key, lambda: decide_for(options.steadiness))
+    return camera.complete(request), camera, decision
 
 
 def _as_usual(request: ClipRequest) -> ClipRequest:
@@ -195,13 +196,13 @@ def _as_usual(request: ClipRequest) -> ClipRequest:
     return replace(request, options=replace(request.options, undo=ClipUndo(), steadiness=Steadiness()))
 
 
-def _shown_plan(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Plan]:
-    """Returns a clip's camera, and the plan for its previews."""
-    _, camera, plan = _planned(open_file, _as_usual(request))
+def _shown_decision(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Decision]:
+    """Returns a clip's camera, and the decision for its previews."""
+    _, camera, decision = _decided(open_file, _as_usual(request))
     if is_tested(request.options):
-        return camera, plan
-    declined = camera.readout_time.declined
-    return camera, Undo() if declined is None else Leave(declined)
+        return camera, decision
+    reason = why_unfit(camera)
+    return camera, RectifyFrames() if reason is None else Leave(reason)
 
 
 def _shown_undo(options: RectifyClip) -> ClipUndo:
@@ -226,11 +227,11 @@ def _moving_at(open_file: OpenFile, clip: ClipFacts, options: RectifyClip, time_
     """Returns the frame at a time [s] and its motion, which is cached."""
     request = ClipRequest.of(clip, options)
     if usual:
-        camera, plan = ClipCamera(time_without_search(request)), Undo()
+        camera, decision = ClipCamera(time_without_search(request)), RectifyFrames()
     else:
-        camera, plan = _shown_plan(open_file, request)
-    if isinstance(plan, Leave):
-        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason))
+        camera, decision = _shown_decision(open_file, request)
+    if isinstance(decision, Leave):
+        return MovingFrame(_frame_at(clip, time_s), Finding(RowMotion.zero(ROWS, ROWS), reason=decision.reason))
     time = camera.readout_time
     file = open_file.path.with_name(f"moment-{hash_options(options.shutter, time, time_s, usual)}.json")
     if file.exists():
@@ -263,11 +264,11 @@ def _pairs(
     last = min(first + min(_EXCERPT_S, _EXCERPT_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
     request = ClipRequest.of(clip, options, progress)
-    request.work.expect(expected(replace(request, options=part), Undo()) | {Stage.ENCODE: 0})
-    camera, plan = _shown_plan(open_file, request)
+    request.work.expect(expected(replace(request, options=part), RectifyFrames()) | {Stage.ENCODE: 0})
+    camera, decision = _shown_decision(open_file, request)
     request = camera.complete(replace(request, options=part))
-    request.work.expect(dict.fromkeys(Stage, 0) | expected(request, plan) | {Stage.ENCODE: 0})
-    rendering = Rendering(request, camera, plan)
+    request.work.expect(dict.fromkeys(Stage, 0) | expected(request, decision) | {Stage.ENCODE: 0})
+    rendering = Rendering(request, camera, decision)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
     if options.may_enlarge:

@@ -25,11 +25,11 @@ from unshutter.progress import ClipObserver
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
 from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.decision import Decision, Leave, calibrate_and_decide
 from unshutter.video.file.array_clip import ArrayClip, FirstFrames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import ArrayFrame
 from unshutter.video.outcome import ClipOutcome
-from unshutter.video.plan import Leave, Plan, make_plan
 from unshutter.video.render.frame_warper import Warper
 from unshutter.video.render.rendering import Rendering, with_hidden_borders, with_steady_views
 
@@ -207,11 +207,11 @@ def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: f
     clip = ArrayClip.of(examined, interval_s)
     if clip is None:
         return
-    request, camera, plan = make_plan(ClipRequest.of(clip, options))
+    request, camera, decision = calibrate_and_decide(ClipRequest.of(clip, options))
     reason = camera.readout_time.instead_of
-    if reason is not None and not _shows_nothing(plan, examined):
+    if reason is not None and not _shows_nothing(decision, examined):
         raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
-    rendering = Rendering(request, camera, plan)
+    rendering = Rendering(request, camera, decision)
     if options.steadiness.stabilize is not None:
         if isinstance(examined, FirstFrames):
             rendering = replace(rendering, request=replace(request, clip=replace(clip, arrays=examined.take_all())))
@@ -244,7 +244,7 @@ def _once_more(clip: ArrayClip, expected: int) -> Generator[ArrayFrame]:
         raise UsageError(f"the second pass has {more} frames than the first: stabilize needs all of them twice")
 
 
-def _shows_nothing(plan: Plan, frames: Iterable[np.ndarray]) -> bool:
+def _shows_nothing(decision: Decision, frames: Iterable[np.ndarray]) -> bool:
     """Whether no readout time could make a difference, in any of the frames."""
-    is_still = isinstance(plan, Leave) and plan.reason.code is Code.NOTHING_TO_SEE
+    is_still = isinstance(decision, Leave) and decision.reason.code is Code.NOTHING_TO_SEE
     return is_still and not (isinstance(frames, FirstFrames) and frames.has_more)

@@ -25,6 +25,7 @@ from unshutter.storage.locations import RunFiles
 from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.camera import ClipCamera
+from unshutter.video.decision import NO_FRAMES, Decision, Leave, RectifyFrames, calibrate_and_decide, why_unfit
 from unshutter.video.file import mp4, video_writer
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
@@ -34,7 +35,6 @@ from unshutter.video.file.pixels import of_file
 from unshutter.video.file.video_writer import VideoWriter, fitted, holds_covers, start_of, writing
 from unshutter.video.file.work import Stage
 from unshutter.video.outcome import ClipOutcome, Tally
-from unshutter.video.plan import NO_FRAMES, Leave, Plan, Undo, make_plan
 from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.render.rendering import (
     Rendering,
@@ -55,33 +55,33 @@ def rectify_clip_file(
     output: str,
     options: RectifyClip,
     observer: ClipObserver = SILENT,
-    planned: Callable[[ClipRequest], tuple[ClipRequest, ClipCamera, Plan]] = make_plan,
+    decided: Callable[[ClipRequest], tuple[ClipRequest, ClipCamera, Decision]] = calibrate_and_decide,
 ) -> ClipOutcome:
     """Writes a clip without its rolling-shutter distortion. Prints nothing.
 
     Args:
         observer: receives the progress of the work.
-        planned: makes the plan, or knows the one that was made before.
+        decided: makes the decision, or knows the one that was made before.
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
     clip = read_clip_facts(path, options.max_pixels, until_s=options.end)
     _check_clip(clip, options)
     video = _Output.of(clip, options, target)
     request = ClipRequest.of(clip, options, observer)
-    request.work.expect(expected(request, Undo()))
-    request, camera, plan = planned(request)
-    request.work.expect(dict.fromkeys(Stage, 0) | expected(request, plan))
-    rendering = Rendering(request, camera, plan, straight=straight_view(request) if options.straight_lines else None)
+    request.work.expect(expected(request, RectifyFrames()))
+    request, camera, decision = decided(request)
+    request.work.expect(dict.fromkeys(Stage, 0) | expected(request, decision))
+    straight = straight_view(request) if options.straight_lines else None
+    rendering = Rendering(request, camera, decision, straight=straight)
     if options.steadiness.stabilize is not None:
         rendering = with_steady_views(rendering)
     if options.may_enlarge:
         rendering = with_hidden_borders(rendering)
     steady = rendering.stabilisation
-    straight = rendering.straight
     if steady is not None and not steady.is_idle:
         video = replace(video, may_be_copy=False)
-    if isinstance(rendering.plan, Leave) and video.may_be_copy:
-        written = _copy(rendering, video, rendering.plan)
+    if isinstance(rendering.decision, Leave) and video.may_be_copy:
+        written = _copy(rendering, video, rendering.decision)
     else:
         written = _write(rendering, video)
     tally = written.tally
@@ -108,6 +108,7 @@ def rectify_clip_file(
         lens_degrees=None if request.lens is None else request.lens.degrees(aspect),
         straight_degrees=None if straight is None else straight.degrees(aspect),
         direction=camera.direction,
+        unfit=why_unfit(camera),
     )
     if options.preview is not None and outcome.written:
         video_writer.write_preview(options.preview, clip, str(target), options.start, outcome.frames, options.overwrite)
@@ -198,7 +199,7 @@ class _Written:
     left_out: list[str] = field(default_factory=list)  # streams of the clip that the new video cannot hold
 
 
-def _copy(rendering: Rendering, output: _Output, plan: Leave) -> _Written:
+def _copy(rendering: Rendering, output: _Output, decision: Leave) -> _Written:
     """Copies a clip in which nothing changes, unless the user wants no output then; but damage is not copied."""
     request = rendering.request
     options = rendering.request.options
@@ -208,14 +209,14 @@ def _copy(rendering: Rendering, output: _Output, plan: Leave) -> _Written:
         motions = None
         if options.save_motion is not None and not options.only_changed:
             motions = stack.enter_context(_writing_motions(rendering, options.save_motion))
-        if plan.frames is None or motions is not None or options.plot is not None:
+        if decision.frames is None or motions is not None or options.plot is not None:
             for moving in watched(rendering):
                 tally.add(moving)
                 if motions is not None:
                     motions.add(*moving.record)
         else:
-            tally.frames = plan.frames
-            tally.reasons[plan.reason] = plan.frames
+            tally.frames = decision.frames
+            tally.reasons[decision.reason] = decision.frames
         if motions is not None:
             motions.end()
         if not options.only_changed:

@@ -84,6 +84,7 @@ class ClipOutcome:
         lens_degrees: its field of view, from corner to corner of a frame [degrees].
         straight_degrees: that of the new clip, if lines were straightened; otherwise None.
         direction: in which the stored pixels were read, if the frames show another than usual; otherwise None.
+        unfit: why frames must not be straightened with this readout time; None if they may be.
     """
 
     source: str
@@ -107,6 +108,7 @@ class ClipOutcome:
     lens_degrees: float | None = None
     straight_degrees: float | None = None
     direction: ScanDirection | None = None
+    unfit: Reason | None = None
 
     @property
     def unchanged(self) -> dict[str, int]:

@@ -1,5 +1,7 @@
 """A clip is better afterwards, as tracks kept out of the fit show, or it is left alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,16 +10,14 @@ from support.hand_held import log_of, pan, still
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code
-from unshutter.video.calibrate import cameras, gain
-from unshutter.video.calibrate.camera import find_camera
+from unshutter.video.calibrate import cameras, gain, questions
 from unshutter.video.calibrate.cameras import CameraMode
-from unshutter.video.calibrate.gain import FrameSteps, Gain, gain_of_clip
+from unshutter.video.calibrate.gain import FrameSteps, Gain
 from unshutter.video.calibrate.readout_regression import PairMotion
-from unshutter.video.calibrate.sampled_frames import sample_frames
+from unshutter.video.decision import Leave, RectifyFrames, calibrate_and_decide, why_no_gain
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
 from unshutter.video.file.work import Stage, Work
-from unshutter.video.plan import Leave, make_plan
 
 FRAMES = 24
 
@@ -104,23 +104,31 @@ def test_a_strength_other_than_asked_of_the_clip_is_obeyed(run, strength):
 
 @pytest.mark.parametrize(("kind", "examined"), [("distorted", 3 * 16), ("global shutter", 60)])
 def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path, monkeypatch, kind, examined):
-    monkeypatch.setattr(gain, "RUN", 16)
-    monkeypatch.setattr(gain, "ALL", 3 * 16)
+    _shorten_runs(monkeypatch)
+    told: list[Gain] = []
+    measure = gain.gain_of_parts
+    monkeypatch.setattr(gain, "gain_of_parts", lambda *given: told.append(measure(*given)) or told[-1])
     camera, greys = clips.moving(60)
     greys = greys if kind == "distorted" else clips.truth(camera)
     clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)))
-    found, evidence = find_camera(request)
-    told = gain_of_clip(request, found.readout_time, None, evidence)
-    if told.declined() is not None:
-        told = gain_of_clip(request, found.readout_time, None, sample_frames(request, [(None, None)]))
-    assert abs(told.frames - examined) <= 4
-    before, after = np.median(told.wobble_px, axis=0)
-    middle, error = told.gain
+    decision = calibrate_and_decide(request)[2]
+    assert abs(told[-1].frames - examined) <= 4
+    before, after = np.median(told[-1].wobble_px, axis=0)
+    middle, error = told[-1].gain
     if kind == "distorted":
-        assert told.declined() is None and after < before / 2 and middle > 10 * error
+        assert isinstance(decision, RectifyFrames) and after < before / 2 and middle > 10 * error
     else:
-        assert told.declined() is not None and after > before and middle < 0
+        assert isinstance(decision, Leave) and after > before and middle < 0
+
+
+def _shorten_runs(monkeypatch):
+    """Three runs of 16 frames are examined, or all frames if these are no more."""
+    monkeypatch.setattr(gain, "RUN", 16)
+    monkeypatch.setattr(gain, "ALL", 3 * 16)
+    short = replace(questions.GAIN, frames=(16,) * 3, all_of=3 * 16)
+    asked = tuple(short if each is questions.GAIN else each for each in questions.QUESTIONS)
+    monkeypatch.setattr(questions, "QUESTIONS", asked)
 
 
 class _Shares(ClipObserver):
@@ -132,8 +140,7 @@ class _Shares(ClipObserver):
 
 
 def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, monkeypatch):
-    monkeypatch.setattr(gain, "RUN", 16)
-    monkeypatch.setattr(gain, "ALL", 3 * 16)
+    _shorten_runs(monkeypatch)
     clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", clips.truth(clips.moving(60)[0]), "ffv1")))
     expected: list[dict[Stage, int]] = []
     done: list[Stage] = []
@@ -143,8 +150,8 @@ def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, mo
     monkeypatch.setattr(Work, "advance", lambda work, stage, items=1: done.append(stage) or advance(work, stage, items))
     shares = _Shares()
     request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)), shares)
-    plan = make_plan(request)[2]
-    assert isinstance(plan, Leave) and plan.frames == 60
+    decision = calibrate_and_decide(request)[2]
+    assert isinstance(decision, Leave) and decision.frames == 60
     assert expected[0][Stage.SURVEY_ALL] == 15 and expected[0][Stage.JUDGE_ALL] == 15 * gain.SOLVED
     again = next(items for items in expected[1:] if items.get(Stage.SURVEY_ALL))
     assert again[Stage.SURVEY_ALL] == 60 and again[Stage.JUDGE_ALL] == 60 * gain.SOLVED
@@ -157,15 +164,15 @@ def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, mo
 @pytest.mark.parametrize(("after", "declined"), [(0.97, Code.NO_GAIN), (0.90, None)])
 def test_a_sure_gain_must_be_worth_the_sharpness(after, declined):
     pairs = 40
-    known = {"gains": [9.0] * pairs, "wobble_px": [(1.0, after)] * pairs, "_changes_px": [(3.0, 3.0)] * pairs}
-    reason = Gain(pairs, 1080, [3.0] * pairs, **known).declined()
+    known = {"gains": [9.0] * pairs, "wobble_px": [(1.0, after)] * pairs, "changes_px": [(3.0, 3.0)] * pairs}
+    reason = why_no_gain(Gain(pairs, 1080, [3.0] * pairs, **known))
     assert (reason and reason.code) == declined
 
 
 def test_a_wobble_is_told_in_pixels_of_the_clip():
     pairs = 40
-    known = {"gains": [9.0] * pairs, "wobble_px": [(2.0, 1.98)] * pairs, "_changes_px": [(3.0, 3.0)] * pairs}
-    reason = Gain(pairs, 480, [3.0] * pairs, **known).declined()
+    known = {"gains": [9.0] * pairs, "wobble_px": [(2.0, 1.98)] * pairs, "changes_px": [(3.0, 3.0)] * pairs}
+    reason = why_no_gain(Gain(pairs, 480, [3.0] * pairs, **known))
     assert str(reason) == "undoing the motion hardly helps: wobble of 0.89 px before, 0.88 px after"
 
 
@@ -176,7 +183,7 @@ def test_a_clip_with_one_large_step_is_left_for_that():
     for number, shape in enumerate(rng.normal(0, 0.3, (30, 2))):
         after = np.array([0.0, 1.9]) if number == 12 else shape / 4
         steps.add(PairMotion(np.zeros(2), shape), PairMotion(np.zeros(2), after), np.zeros(2))
-    reason = Gain(frames=30, displaced_px=[5.0] * 30, steps=steps).declined()
+    reason = why_no_gain(Gain(frames=30, displaced_px=[5.0] * 30, steps=steps))
     assert reason is not None and reason.code is Code.NO_GAIN
     figures = dict(reason.figures)
     assert figures["after"] > 1.5 > figures["before"] > 0.5

@@ -18,6 +18,7 @@ from unshutter.video.calibrate import camera, cameras
 from unshutter.video.calibrate.camera import find_camera
 from unshutter.video.calibrate.cameras import CameraMode
 from unshutter.video.calibrate.readout_regression import Estimate, Regression
+from unshutter.video.decision import why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
 
@@ -65,14 +66,14 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
     monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
     path = clips.write(tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1")
-    time = find_camera(ClipRequest.of(read_clip_facts(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))[
-        0
-    ].readout_time
+    found, _ = find_camera(ClipRequest.of(read_clip_facts(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))
+    time = found.readout_time
+    reason = why_unfit(found)
     assert time.source is ReadoutSource.USUAL and time.instead_of.code is Code.READOUT_TIME_UNKNOWN
     if wobbles:
-        assert time.declined is None
-        return
-    assert time.declined.code is (Code.NO_WOBBLE if would_show else Code.READOUT_TIME_UNKNOWN)
+        assert reason is None
+    else:
+        assert reason.code is (Code.NO_WOBBLE if would_show else Code.READOUT_TIME_UNKNOWN)
 
 
 def test_a_make_tells_the_kind_of_camera(tmp_path, run):

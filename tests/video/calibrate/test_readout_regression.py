@@ -8,9 +8,10 @@ from support.hand_held import hand
 from unshutter.frames.tracks import Tracks
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import ScanDirection
-from unshutter.reasons import Code
+from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate.camera import find_camera
 from unshutter.video.calibrate.readout_regression import PairMotion, regression, runs_of, spline_slopes
+from unshutter.video.decision import why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
 
@@ -99,4 +100,4 @@ def test_a_global_shutter_is_reported(tmp_path):
     greys = clips.truth(clips.moving(60, hand(4, seconds=6.0), ratio=0.6)[0])
     clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     camera, _ = find_camera(ClipRequest.of(clip, RectifyClip()))
-    assert camera.readout_time.declined is not None and camera.readout_time.declined.code is Code.READ_AT_ONCE
+    assert why_unfit(camera) == Reason(Code.READ_AT_ONCE)

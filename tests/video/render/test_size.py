@@ -10,10 +10,10 @@ from unshutter.cli import main
 from unshutter.options.clip_options import Encode, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.calibrate.camera import ClipCamera
+from unshutter.video.decision import RectifyFrames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
 from unshutter.video.file.encoders import Encoder
-from unshutter.video.plan import Undo
 from unshutter.video.render import rendering as steps
 from unshutter.video.render.rendering import Rendering
 
@@ -64,7 +64,7 @@ def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatc
     monkeypatch.setattr(steps, "ahead", lambda items, most: bounds.append(most))
     monkeypatch.setattr(steps, "with_motion", lambda *_: None)
     for clip in (small, large):
-        Rendering(ClipRequest.of(clip, RectifyClip()), ClipCamera(ReadoutTime(0.02)), Undo()).moving(iter([]))
+        Rendering(ClipRequest.of(clip, RectifyClip()), ClipCamera(ReadoutTime(0.02)), RectifyFrames()).moving(iter([]))
     assert bounds == [2, 8, 2, 2]
 
 

@@ -30,7 +30,7 @@ from unshutter.video.file.work import Stage
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
 from unshutter.video.gyro.synchronisation import Adjusted, Adjustment, GyroRotations, has_gravity
 
-_PARTS, PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
+MOST_PARTS, PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
 _MIN_PAIRS = 15  # pairs of frames with usable tracks
 _LEAST_TRACKS = 12  # of a pair
 _MISSING_S = 0.25  # at either end of a clip that a log may omit
@@ -188,11 +188,11 @@ def lively_parts(request: ClipRequest, log: GyroLog) -> list[float] | None:
     """
     span = _span(request)
     length = PART * request.clip.interval_s
-    if span[1] - span[0] <= _PARTS * length:
+    if span[1] - span[0] <= MOST_PARTS * length:
         return None
     parts = []
-    for first in np.linspace(span[0], span[1] - length, _PARTS + 1)[:-1]:
-        room = (span[1] - span[0] - length) / _PARTS - length
+    for first in np.linspace(span[0], span[1] - length, MOST_PARTS + 1)[:-1]:
+        room = (span[1] - span[0] - length) / MOST_PARTS - length
         starts = first + np.arange(0, max(room, 0) + 1e-9, length / 2)
         busy = [_liveliness(log, start, length) for start in starts] if log.on_clip_clock else [0.0]
         parts.append(float(starts[int(np.argmax(busy))]))
@@ -207,8 +207,8 @@ def _liveliness(log: GyroLog, begin_s: float, length_s: float) -> float:
 
 def _pairs(evidence: SampledFrames) -> Iterator[Pair]:
     """Yields the tracks between consecutive frames, of so many at most."""
-    few = sum(map(len, evidence.parts)) <= _PARTS * PART
-    for run in evidence.parts if few else evidence.runs(_PARTS, PART):
+    few = sum(map(len, evidence.parts)) <= MOST_PARTS * PART
+    for run in evidence.parts if few else evidence.runs(MOST_PARTS, PART):
         for before, frame in pairwise(run):
             plane = frame.background
             if plane is not None and frame.since is not None and plane.joined and len(plane.tracks) >= _LEAST_TRACKS:

@@ -31,7 +31,7 @@ from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate.camera_path import camera_motion, small_finding, window_for
 from unshutter.video.calibrate.readout_regression import PairMotion, fit_robustly
-from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame, tracked_copies
+from unshutter.video.calibrate.sampled_frames import TrackedFrame, tracked_copies
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.work import Stage, Steps
 from unshutter.video.gyro.synchronisation import GyroRotations
@@ -39,18 +39,10 @@ from unshutter.video.gyro.synchronisation import GyroRotations
 _HELD_OUT = 4  # every fourth track
 RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
 ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
-_MIN_TRACKS, _MIN_PAIRS = 12, 6  # tracks of a pair of frames that counts; pairs, below which the tracks cannot tell
+_MIN_TRACKS = 12  # tracks of a pair of frames that counts
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
-_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px, there at most: what is smaller in so many per cent of frames cannot be seen,
-_BRIEFLY_VISIBLE_PX = 2.0  # unless it is as large as this in one of them
-_SURE, SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
-_EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
-_PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
-_SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
 _ROUNDS = 4  # of reweighting
 _MIN_STEPS = 15  # pairs of frames, below which their steps say nothing
-_MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
-_FOLLOWS = 0.5  # least correlation of the lean with the speed
 _MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
 SOLVED = 11  # how often a pair of frames is part of a fit, usually
 _LARGE = 95  # percentile of the steps
@@ -74,17 +66,8 @@ class StepSizes:
 
     @property
     def figures(self) -> tuple[float, float, float]:
-        """All of them, in the order in which people see them; where steps are worse, one of them has grown."""
+        """All of them, in the order in which people see them."""
         return self.rms, self.largest, self.usual
-
-    def is_worse_than(self, other: StepSizes, slack: float) -> bool:
-        """Whether large steps are larger than others, by more than a tenth and some slack [px].
-
-        Where the others are twice as large in general, a single step may be somewhat larger.
-        """
-        once = _MAY_GROW_ONCE if self.usual < other.usual / 2 else _MAY_GROW
-        grows = self.usual > _MAY_GROW * other.usual + slack or self.largest > once * other.largest + slack
-        return grows or self.rms > max(other.rms, slack)
 
 
 @dataclass(eq=False)
@@ -153,7 +136,7 @@ class Gain:
     wobble_px: list[tuple[float, float]] = field(default_factory=list)
     steps: FrameSteps = field(default_factory=FrameSteps)  # how the frames follow each other
     # [pairs] change of the displacement between the two frames, and largest displacement [px of 1080 rows]
-    _changes_px: list[tuple[float, float]] = field(default_factory=list)
+    changes_px: list[tuple[float, float]] = field(default_factory=list)
 
     @property
     def gain(self) -> tuple[float, float]:
@@ -161,34 +144,6 @@ class Gain:
         middle = float(np.median(self.gains))
         scatter = 1.4826 * float(np.median(np.abs(np.array(self.gains) - middle)))
         return middle, 1.2533 * scatter / len(self.gains) ** 0.5
-
-    def declined(self, sure: float = _SURE) -> Reason | None:
-        """Returns why the clip is to be left unchanged; None if it is better afterwards, or if no frames can tell.
-
-        Args:
-            sure: standard deviations by which the gain must exceed 0.
-        """
-        if self.frames == self.reasons.total():
-            return self.reasons.most_common(1)[0][0] if self.reasons else None
-        if 2 * len(self.displaced_px) >= self.frames and not is_visible(self.displaced_px):
-            return Reason(Code.NO_VISIBLE_DISTORTION)
-        if self.steps.follow < _FOLLOWS:
-            return Reason.of(Code.LEANS_OTHERWISE, correlation=round(self.steps.follow, 2))
-        sizes = self.steps.sizes
-        if sizes is not None and sizes[1].is_worse_than(sizes[0], _SLACK_PX * self.steps.rows / TALL):
-            own = self.short_side / self.steps.rows  # px of the clip for each of the copies
-            figures = zip(sizes[0].figures, sizes[1].figures, strict=True)
-            before, after = next((was, now) for was, now in figures if now > was)
-            return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
-        if len(self.gains) < _MIN_PAIRS:
-            return None
-        gain, error = self.gain
-        change, displaced = np.median(self._changes_px, axis=0)
-        before, after = map(float, np.median(self.wobble_px, axis=0))
-        if change < _EVEN * displaced or (gain > sure * error and after < _PAYS * before):
-            return None
-        own = self.short_side / TALL  # px of the clip for each of 1080 rows
-        return Reason.of(Code.NO_GAIN, before=round(own * before, 3), after=round(own * after, 3))
 
     def add(self, before: FrameMotion | None, motion: FrameMotion, undo: ClipUndo) -> None:
         """Adds a frame, and the pair of frames that it forms with the previous one."""
@@ -215,7 +170,7 @@ class Gain:
         self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
         self.wobble_px.append((wobble(tracks, focal), wobble(undone, focal)))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
-        self._changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+        self.changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
 
 
 def wobble(tracks: Tracks, focal_px: float) -> float:
@@ -223,12 +178,6 @@ def wobble(tracks: Tracks, focal_px: float) -> float:
     squares = np.sort(np.square(_left(tracks, focal_px)).sum(axis=1))
     usual = float(squares[: max(1, int(0.9 * len(squares)))].mean()) ** 0.5
     return usual * TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
-
-
-def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
-    """Whether anyone can see that frames are displaced so far [px, but of 1080 rows at most]."""
-    most = np.percentile(displaced_px, _MOST_FRAMES)
-    return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
 
 
 def is_tested(options: RectifyClip) -> bool:
@@ -249,28 +198,14 @@ def expected(request: ClipRequest, surveyed: int, all_frames: float) -> dict[Sta
     return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}
 
 
-def gain_of_clip(
-    request: ClipRequest, time: ReadoutTime, gyro_rotations: GyroRotations | None, evidence: SampledFrames
-) -> Gain:
-    """Finds what undoing the motion of a clip gains: from some 60 pairs of its tracked frames or, if these are all
-    frames and it is to be left, from all.
-    """
-    if evidence.is_whole and len(evidence.parts[0]) <= ALL:
-        return _examined(request, time, gyro_rotations, evidence.parts)
-    gain = _examined(request, time, gyro_rotations, evidence.runs(RUNS, RUN))
-    if gain.declined(SURE_OF_FEW) is None or not evidence.is_whole:
-        return gain
-    return _examined(request, time, gyro_rotations, evidence.parts, Stage.JUDGE_ALL)
-
-
-def _examined(
+def gain_of_parts(
     request: ClipRequest,
     time: ReadoutTime,
     gyro_rotations: GyroRotations | None,
     parts: Sequence[Sequence[TrackedFrame]],
     stage: Stage = Stage.JUDGE,
 ) -> Gain:
-    """Returns the gain in parts of a clip, each of which is estimated as a clip of its own is."""
+    """Measures what undoing the motion gains in parts of a clip, each of which is estimated as a clip of its own is."""
     gain = Gain()
     focal_px = None
     frames = sum(map(len, parts))

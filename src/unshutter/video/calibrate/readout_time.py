@@ -1,6 +1,7 @@
-"""Determines the readout time of a clip from its frames: by regression (readout_regression.py) or, where that is not
-sure, from how smoothly the camera moved in parts of the clip that must agree. And whether it matters: a bound on the
-distortion that frames can show.
+"""The readout time of a clip: as stated or listed, or from its frames.
+
+The frames show it by regression (readout_regression.py) or, where that is not sure, by how smoothly the camera moved in
+parts of the clip that must agree. They also bound the distortion that any time could cause.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
 from unshutter.frames.self_calibration import focal_from_motion, is_copy, ratio_from_motion
 from unshutter.frames.tracks import GUESSED_RATIO, Tracks
-from unshutter.motion.verdict import LEAST_PX
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
+from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.readout_regression import Regression, Run, regression, runs_of
 from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
 from unshutter.video.file.clip import ClipRequest
@@ -29,8 +30,32 @@ _FAR = 3.0  # standard deviations: parts that differ by more disagree
 _AGREE = 0.6  # least share of the parts' weight that agrees
 _FAST_SHARE = 95  # percentile of the background corners' speed that is used
 _LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more, there is no bound
-_ROUNDING_PX = 0.05
 SOLVED = 55  # how often a pair of frames is part of a fit, usually
+
+
+# ---- known beforehand ------------------------------------------------------------------------------------------
+
+
+def listed_time(request: ClipRequest) -> ReadoutTime | None:
+    """Returns the readout time that the clip's file states, or that is listed for its camera."""
+    clip = request.clip
+    named = request.options.shutter.camera
+    size = (clip.width, clip.height)
+    return clip.camera.readout_time or cameras.listed_time(clip.tags, named, size, rate=1 / clip.interval_s)
+
+
+def usual_time(request: ClipRequest) -> ReadoutTime:
+    """Returns the readout time that is usual for cameras of the clip's kind, with its range."""
+    return cameras.usual_time(request.clip.tags, request.clip.interval_s)
+
+
+def time_without_search(request: ClipRequest) -> ReadoutTime:
+    """Returns the readout time that the user states, or that is listed or usual for the camera."""
+    interval_s = request.clip.interval_s
+    return request.options.shutter.readout_time(interval_s) or listed_time(request) or usual_time(request)
+
+
+# ---- in tracked frames -----------------------------------------------------------------------------------------
 
 
 def regression_in_survey(evidence: SampledFrames) -> Regression | None:
@@ -146,11 +171,12 @@ def _longest_run(frames: Sequence[TrackedFrame]) -> _Run:
 # ---- bound on the visible motion -------------------------------------------------------------------------------
 
 
-def too_little_to_see(request: ClipRequest, evidence: SampledFrames, longest_s: float) -> float | None:
-    """Returns the largest displacement within a frame that a clip can show [px], or None if it is half a pixel or more.
+def largest_displacement_px(request: ClipRequest, evidence: SampledFrames, longest_s: float, enough_px: float) -> float:
+    """Returns a bound on the displacement within a frame that a clip can show [px]; infinite if there is none.
 
     Args:
         longest_s: longest plausible readout time [s].
+        enough_px: a displacement [px] with which the rest of the clip is not examined.
     """
     undo = request.options.undo
     reach = longest_s / request.clip.interval_s * undo.strength * (0.5 if undo.reference == "middle" else 1.0)
@@ -169,6 +195,6 @@ def too_little_to_see(request: ClipRequest, evidence: SampledFrames, longest_s: 
             moved_px = float(np.percentile(np.hypot(*(moved.end - moved.start).T), _FAST_SHARE))
             scale = min(request.frame_size) / min(tracks.height, tracks.width)
             largest = max(largest, reach * (moved_px * scale / (frame.since or 1.0)))
-        if largest >= LEAST_PX - _ROUNDING_PX:
-            return None
-    return None if lost > _LOST_SHARE * frames or frames < 2 else largest
+        if largest >= enough_px:
+            return largest
+    return np.inf if lost > _LOST_SHARE * frames or frames < 2 else largest

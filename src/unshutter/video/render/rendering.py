@@ -1,4 +1,4 @@
-"""Renders the frames of a clip as planned: with their motion from the frames, a file or a first pass, and their views.
+"""Renders the frames of a clip as decided: with their motion from the frames, a file or a first pass, and their views.
 
 Frame -> MovingFrame -> (LinkedFrame ->) NewFrame
 """
@@ -20,12 +20,12 @@ from unshutter.motion.finding import Finding
 from unshutter.motion.warp import thread_count
 from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.calibrate.clip_gyro import level_rotations
+from unshutter.video.decision import Decision, Leave, RectifyFrames
 from unshutter.video.file.ahead import ahead
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.row_samples import ROWS
 from unshutter.video.file.work import Stage
 from unshutter.video.gyro.synchronisation import up_directions
-from unshutter.video.plan import Leave, Plan, Undo
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement
 from unshutter.video.render.frame_links import LinkedFrame, linked
@@ -48,7 +48,7 @@ class Rendering:
 
     request: ClipRequest
     camera: ClipCamera
-    plan: Plan
+    decision: Decision
     # the frames' stabilised views; None if the camera's path is left unchanged
     stabilisation: Stabilisation | None = None
     straight: StraightView | None = None  # the view in which lines are straight; None if the lens is kept
@@ -62,7 +62,7 @@ class Rendering:
         if any(each is not None for each in (self.straight, self.stabilisation, self.enlargement)):
             return self._viewed(replace(self, straight=None, stabilisation=None, enlargement=None).moving(frames))
         decoded = ahead(frames, clip.most_ahead(_DECODED_AHEAD))
-        if self.path is not None or isinstance(self.plan, Leave) or self.plan.motion is not None:
+        if self.path is not None or isinstance(self.decision, Leave) or self.decision.motion is not None:
             return self._with_known_motion(decoded)
         rotations = self.camera.gyro and self.camera.gyro.rotations
         with_steps = options.steadiness.stabilize is not None or options.save_motion is not None
@@ -81,7 +81,7 @@ class Rendering:
             yield zero, self.view(0)
             return
         for number in range(len(self.path)):
-            yield zero if isinstance(self.plan, Leave) else self.path.finding(number).motion, self.view(number)
+            yield zero if isinstance(self.decision, Leave) else self.path.finding(number).motion, self.view(number)
 
     def _viewed(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
         with closing(frames):
@@ -89,8 +89,8 @@ class Rendering:
                 yield replace(moving, view=self.view(number))
 
     def _with_known_motion(self, frames: Generator[Frame]) -> Generator[MovingFrame]:
-        plan = self.plan
-        unchanged = Finding(RowMotion.zero(ROWS, ROWS), reason=plan.reason) if isinstance(plan, Leave) else None
+        decision = self.decision
+        unchanged = Finding(RowMotion.zero(ROWS, ROWS), reason=decision.reason) if isinstance(decision, Leave) else None
         with closing(frames):
             for number, frame in enumerate(frames):
                 self.request.work.advance(Stage.READ)
@@ -99,8 +99,8 @@ class Rendering:
                     yield MovingFrame(frame, found, self.path.cuts[number], step=self.path.middle_steps[number])
                 elif unchanged is not None:
                     yield MovingFrame(frame, unchanged)
-                elif isinstance(plan, Undo) and plan.motion is not None:
-                    found, cut, step = plan.motion.at(frame.time or 0.0)
+                elif isinstance(decision, RectifyFrames) and decision.motion is not None:
+                    found, cut, step = decision.motion.at(frame.time or 0.0)
                     yield MovingFrame(frame, found, cut, step=step)
 
     def rectified(self, warper: Warper, frames: Iterator[Frame]) -> Generator[NewFrame]:
@@ -108,22 +108,23 @@ class Rendering:
         request = self.request
         undo = self.request.options.undo
         moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
-        if undo.model == "dense" and undo.strength and isinstance(self.plan, Undo):
+        if undo.model == "dense" and undo.strength and isinstance(self.decision, RectifyFrames):
             ratio = self.camera.readout_time.ratio(request.clip.interval_s)
             moving = ahead(linked(request, moving, ratio.value), _LINKED_AHEAD)
         return side_by_side(warper, moving, thread_count())
 
 
-def expected(request: ClipRequest, plan: Plan) -> dict[Stage, int]:
+def expected(request: ClipRequest, decision: Decision) -> dict[Stage, int]:
     """Returns how many items of its stages it takes to write a clip's frames as planned."""
     options = request.options
     frames = request.frames
     is_steady = options.steadiness.stabilize is not None
-    needs_borders = isinstance(plan, Undo) and (options.may_enlarge or EdgePolicy(options.undo.edges).must_crop)
+    is_left = isinstance(decision, Leave)
+    needs_borders = not is_left and (options.may_enlarge or EdgePolicy(options.undo.edges).must_crop)
     passes = 2 if is_steady or needs_borders else 1
-    is_known = plan.motion is not None if isinstance(plan, Undo) else not is_steady
+    is_known = not is_steady if isinstance(decision, Leave) else decision.motion is not None
     searches = 0 if is_known else 1
-    is_linked = options.undo.model == "dense" and isinstance(plan, Undo)
+    is_linked = options.undo.model == "dense" and not is_left
     each = {Stage.FOLLOW: searches, Stage.FIT: _SOLVED * searches, Stage.READ: passes - searches}
     each |= {Stage.LINK: is_linked, Stage.DRAW: 1, Stage.ENCODE: 1}
     return {stage: frames * many for stage, many in each.items()}
@@ -148,8 +149,9 @@ def with_steady_views(rendering: Rendering) -> Rendering:
     request = rendering.request
     options = rendering.request.options
     rotations = level_rotations(rendering.camera.gyro) if options.steadiness.level else None
-    motion = rendering.plan.motion if isinstance(rendering.plan, Undo) else None
-    path = _path_of(replace(rendering, plan=Undo(motion)), is_left=isinstance(rendering.plan, Leave))
+    decision = rendering.decision
+    motion = None if isinstance(decision, Leave) else decision.motion
+    path = _path_of(replace(rendering, decision=RectifyFrames(motion)), is_left=isinstance(decision, Leave))
     if motion is not None and not any(path.middle_steps):
         raise UnshutterError(
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
@@ -157,13 +159,14 @@ def with_steady_views(rendering: Rendering) -> Rendering:
         )
     up = rotations and up_directions(rotations, np.array(path.times_s), READOUT_FRACTION[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
-    plan = replace(rendering.plan, frames=len(path)) if isinstance(rendering.plan, Leave) else rendering.plan
-    return replace(rendering, plan=plan, path=path, stabilisation=steady)
+    if isinstance(decision, Leave):
+        decision = replace(decision, frames=len(path))
+    return replace(rendering, decision=decision, path=path, stabilisation=steady)
 
 
 def with_known_motion(rendering: Rendering) -> Rendering:
     """Returns how a clip is rendered with the motion from a first pass, unless that is known or nothing is undone."""
-    if rendering.path is not None or isinstance(rendering.plan, Leave):
+    if rendering.path is not None or isinstance(rendering.decision, Leave):
         return rendering
     return replace(rendering, path=_path_of(rendering))
 
@@ -174,7 +177,7 @@ def with_hidden_borders(rendering: Rendering) -> Rendering:
     A stabilised path has its zoom already.
     """
     steady = rendering.stabilisation
-    if isinstance(rendering.plan, Leave) or (steady is not None and not steady.is_idle):
+    if isinstance(rendering.decision, Leave) or (steady is not None and not steady.is_idle):
         return rendering
     rendering = with_known_motion(rendering)
     assert rendering.path is not None

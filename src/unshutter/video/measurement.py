@@ -21,6 +21,7 @@ from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.calibrate.camera import find_camera
 from unshutter.video.calibrate.readout_regression import Regression, Run, regression
 from unshutter.video.calibrate.readout_time import runs_in_survey
+from unshutter.video.decision import why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 
@@ -140,21 +141,24 @@ def _measured(path: Path, options: MeasureClips) -> _Measured:
     px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
     if px is None:
         raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
-    measurement = _of_camera((str(path),), clip, camera.readout_time, direction, regression(runs), px, camera.lens)
+    time = camera.readout_time
+    reason = why_unfit(camera) or time.instead_of
+    measurement = _of_camera((str(path),), clip, time, reason, direction, regression(runs), px, camera.lens)
     return _Measured(measurement, runs, px)
 
 
 def _of_camera(
     clips: tuple[str, ...],
     size: ClipFacts | ClipMeasurement,
-    time: ReadoutTime,
+    time: ReadoutTime | None,
+    reason: Reason | None,
     direction: ScanDirection,
     shown: Regression | None,
     px: float,
     lens: Lens | None,
 ) -> ClipMeasurement:
-    """Returns the measurement for what is known of a camera."""
-    is_known = time.source is not ReadoutSource.USUAL and time.plausible_s is None and time.declined is None
+    """Returns the measurement for what is known of a camera; the reason is that for which a time may be unknown."""
+    is_known = time is not None and time.source is not ReadoutSource.USUAL and time.plausible_s is None
     return ClipMeasurement(
         clips=clips,
         width=size.width,
@@ -162,7 +166,7 @@ def _of_camera(
         interval_s=size.interval_s,
         readout_time=time if is_known else None,
         direction=direction if is_known else None,
-        reason=None if is_known else time.declined or time.instead_of,
+        reason=None if is_known else reason,
         shown=shown,
         wobble_px=None if shown is None else shown.wobble_px * px,
         lens=lens,
@@ -182,15 +186,12 @@ def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
     stated = next((each for each in times if each.source not in _BY_FRAMES), None)
     names = tuple(name for each in every for name in each.clips)
     direction = next((each.direction for each in every if each.direction is not None), ScanDirection.TOP_TO_BOTTOM)
-    if stated is not None:
-        time = stated
-    elif shown is not None and (shown.is_sure or shown.is_likely):
+    time = stated
+    if time is None and shown is not None and (shown.is_sure or shown.is_likely):
         time = shown.readout_ratio.seconds(first.interval_s)
-    else:
-        none = shown is not None and shown.is_none
-        reason = Reason(Code.READ_AT_ONCE if none else Code.NO_WOBBLE)
-        time = ReadoutTime(0.0, source=ReadoutSource.USUAL, declined=reason)
-    return _of_camera(names, first, time, direction, shown, px, first.lens)
+    is_none = shown is not None and shown.is_none
+    reason = Reason(Code.READ_AT_ONCE if is_none else Code.NO_WOBBLE)
+    return _of_camera(names, first, time, reason, direction, shown, px, first.lens)
 
 
 def _differ(one: float, other: float) -> bool:

@@ -1,0 +1,135 @@
+"""Which frames of a clip are asked: a table of the questions about its camera, with the frames that answer each.
+
+The first question that is open decides: it needs the most frames, and these answer the others, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from unshutter.video.calibrate import clip_gyro, gain, lenses
+from unshutter.video.calibrate import readout_time as readout
+from unshutter.video.calibrate.readout_time import listed_time, regression_in_survey
+from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.work import Stage, Steps
+from unshutter.video.gyro.gyro_log import GyroLog
+
+Log: TypeAlias = GyroLog | clip_gyro.ClipGyro | None
+Parts: TypeAlias = Sequence[tuple[float | None, float | None]]  # begin and end of each [s]; None: no limit
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question about a clip's camera, and the frames that answer it."""
+
+    is_open: Callable[[ClipRequest, Log], bool]
+    frames: tuple[int, ...]  # of each part, spread evenly over the clip
+    name: str = ""  # of the progress, if frames are counted
+    fits: int = 0  # how often a pair of frames is part of a fit, usually
+    all_of: int = 0  # frames: of a clip that has no more, all are asked
+    # a first look at fewer frames: every such part, or so many frames at the beginning; and whether these are enough
+    every: int = 0
+    first: int = 0
+    is_answered: Callable[[SampledFrames], bool] = lambda sampled: True
+
+
+def _is_time_open(request: ClipRequest, log: Log) -> bool:
+    if request.options.shutter.readout_time(request.clip.interval_s) is not None:
+        return False
+    listed = None if request.clip.camera.is_stabilised else listed_time(request)
+    return listed is None or listed.plausible_s is not None
+
+
+def _is_gain_open(request: ClipRequest, log: Log) -> bool:
+    return request.options.shutter.readout_time(request.clip.interval_s) is None and gain.is_tested(request.options)
+
+
+def _is_time_certain(sampled: SampledFrames) -> bool:
+    shown = regression_in_survey(sampled)
+    return shown is not None and (shown.is_none or shown.is_precise)
+
+
+READOUT_TIME = Question(
+    is_open=_is_time_open,
+    frames=(readout.PART + 1,) * readout.MOST_PARTS,
+    name="readout time",
+    fits=readout.SOLVED,
+    every=3,
+    is_answered=_is_time_certain,
+)
+GYRO = Question(
+    is_open=lambda request, log: isinstance(log, GyroLog), frames=(clip_gyro.PART,) * clip_gyro.MOST_PARTS, name="gyro"
+)
+GAIN = Question(is_open=_is_gain_open, frames=(gain.RUN,) * gain.RUNS, name="looking", all_of=gain.ALL)
+LENS = Question(
+    is_open=lambda request, log: request.options.shutter.lens is None and request.options.shutter.focal_px is None,
+    frames=(lenses.FIRST, *[lenses.PART] * lenses.FURTHER),
+    first=lenses.PART + 1,
+    is_answered=lambda sampled: not lenses.may_bend_lines(sampled),
+)
+NONE = Question(is_open=lambda request, log: True, frames=())
+QUESTIONS = READOUT_TIME, GYRO, GAIN, LENS, NONE
+
+
+def open_question(request: ClipRequest, log: Log) -> tuple[Question, Parts]:
+    """Returns the first open question, and the parts of the clip that answer it."""
+    question = next(each for each in QUESTIONS if each.is_open(request, log))
+    everything = [(request.options.start, request.options.end)]
+    if question is GYRO and isinstance(log, GyroLog):
+        starts_s = clip_gyro.lively_parts(request, log)
+        length_s = (clip_gyro.PART - 0.5) * request.clip.interval_s
+        return question, everything if starts_s is None else [(start, start + length_s) for start in starts_s]
+    if _frames_in(request, [request.span]) <= question.all_of:
+        return question, everything
+    return question, _spread(request, question.frames)
+
+
+def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFrames:
+    """Decodes what a question needs: fewer frames first, if it has such, and the others unless it is answered.
+
+    What that is expected to take is stated, and what then follows, until a clip is judged.
+    """
+    frames = _frames_in(request, parts_s) if parts_s else 0
+    searches = {Stage.SURVEY: frames, Stage.SEARCH: question.fits * frames}
+    all_frames = _ALL_ASKED * request.frames
+    judging = gain.expected(request, frames, all_frames)
+    is_whole = list(parts_s) == [(request.options.start, request.options.end)]
+    again = 0 if is_whole or not judging[Stage.JUDGE] else round(all_frames)
+    request.work.expect(searches | {Stage.SURVEY_ALL: again} | judging)
+    steps = Steps(request.work, question.name, frames) if question.name else None
+    first_s = _spread(request, [question.first])[:1] if question.first else []
+    if question.every and len(parts_s) == len(question.frames):
+        first_s = parts_s[1 :: question.every]
+    if not first_s:
+        return sample_frames(request, parts_s, steps)
+    first = sample_frames(request, first_s, steps)
+    others_s = [part for part in parts_s if part not in first_s]
+    if question.is_answered(first) or not others_s:
+        request.work.expect(dict.fromkeys(searches, 0))
+        return first
+    others = sample_frames(request, others_s, steps)
+    return others if len(others_s) == len(parts_s) else first.with_parts(others)
+
+
+_ALL_ASKED = 0.25  # how likely all frames of a clip are asked: enough for the time that is left to be right either way
+
+
+def _spread(request: ClipRequest, frames: Sequence[int]) -> Parts:
+    """Returns parts of so many frames, spread evenly over what the user selected; all of it if that is hardly more."""
+    (begin, end), interval_s = request.span, request.clip.interval_s
+    if end - begin < 1.1 * sum(frames) * interval_s:
+        return [(request.options.start, request.options.end)]
+    starts = np.linspace(begin, end - 1.1 * frames[-1] * interval_s, len(frames)).tolist() if frames else []
+    return [(start, start + (many - 0.5) * interval_s) for start, many in zip(starts, frames, strict=True)]
+
+
+def _frames_in(request: ClipRequest, parts_s: Parts) -> int:
+    """Returns about how many frames there are in some parts."""
+    begin, last = request.span
+    seconds = sum((end or last) - (start or begin) for start, end in parts_s)
+    return max(round(seconds / request.clip.interval_s), 2)

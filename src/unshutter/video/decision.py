@@ -1,0 +1,204 @@
+"""What is done with a clip, by what was measured of it: its frames are rectified, or it is left for a reason.
+
+All thresholds of this decision stand here. Where measurements of some frames speak against rectifying a clip, all of
+its frames are measured before it is left. Only scenes of one clip that contradict it are found later, as frames are
+rendered (calibrate/scene_check.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.frame_motion import AT_REST
+from unshutter.motion.shapes import Float64
+from unshutter.motion.verdict import LEAST_PX
+from unshutter.readout_time import ReadoutSource, ReadoutTime
+from unshutter.reasons import Code, Reason
+from unshutter.video.calibrate import gain
+from unshutter.video.calibrate.camera import ClipCamera, find_camera
+from unshutter.video.calibrate.gain import TALL, Gain, StepSizes
+from unshutter.video.calibrate.readout_time import largest_displacement_px
+from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
+from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.motion_file import ClipMotion, load_clip_motion
+from unshutter.video.file.work import Stage
+
+NO_FRAMES = "{clip} has no frames in this part"
+
+_ROUNDING_PX = 0.05  # by which a displacement must be less than half a pixel to be rounded to less
+_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px of 1080 rows at most: less than that in this many per cent of frames cannot be
+_BRIEFLY_VISIBLE_PX = 2.0  # seen, unless it is as large as this in one of them
+_FOLLOWS = 0.5  # least correlation of the lean with the speed
+_SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
+_MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
+_MIN_PAIRS = 6  # below which tracks cannot tell the gain
+_SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
+_EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
+_PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
+
+
+@dataclass(frozen=True, eq=False)
+class RectifyFrames:
+    """The motion of the frames is undone."""
+
+    motion: ClipMotion | None = None  # from a file; None: it is found in the frames
+
+
+@dataclass(frozen=True)
+class Leave:
+    """No frame is straightened."""
+
+    reason: Reason
+    frames: int | None = None  # number of frames, if all were examined
+
+
+Decision: TypeAlias = RectifyFrames | Leave
+
+
+def calibrate_and_decide(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Decision]:
+    """Returns the request of a clip whose camera is known, the camera, and what is done with the clip."""
+    if request.options.motion is not None:
+        return _by_file(request)
+    camera, sampled = find_camera(request)
+    request = camera.complete(request)
+    decision = decide(request, camera, sampled)
+    is_used = isinstance(decision, RectifyFrames) or decision.reason.code is not Code.NOTHING_TO_SEE
+    if camera.readout_time.source is not ReadoutSource.GIVEN and is_used and why_unfit(camera) is None:
+        request.work.observer.note_readout(camera.readout_time, request.clip.interval_s)
+    return request, camera, decision
+
+
+def decide(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Decision:
+    """Decides on a clip of a camera by some of its frames; all are asked before it is left.
+
+    Raises:
+        UnshutterError: the part that the user selected has no frames.
+    """
+    decision = _by_frames(request, camera, sampled)
+    if isinstance(decision, RectifyFrames) or why_unfit(camera) is not None or sampled.is_whole:
+        return decision
+    span_s = request.options.start, request.options.end
+    request.work.expect({Stage.SURVEY_ALL: request.frames} | gain.expected(request, request.frames, request.frames))
+    every = sample_frames(request, [span_s], request.steps("looking"), Stage.SURVEY_ALL)
+    request.work.expect({Stage.SURVEY_ALL: 0})
+    return _by_frames(request, camera, every.through(camera.lens))
+
+
+def _by_frames(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Decision:
+    """Decides by what tracked frames show."""
+    if sampled.is_whole and not sampled.parts:
+        raise UnshutterError(NO_FRAMES, clip=request.clip.path)
+    time = camera.readout_time
+    frames = len(sampled.parts[0]) if sampled.is_whole else None
+    if time.plausible_s is not None and request.options.steadiness.stabilize is None:
+        least_px = LEAST_PX - _ROUNDING_PX
+        largest_px = largest_displacement_px(request, sampled, time.longest_s, least_px)
+        if largest_px < least_px:
+            return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(largest_px, 1), 0.1)), frames)
+    reason = why_unfit(camera)
+    if reason is None and time.source is not ReadoutSource.GIVEN and gain.is_tested(request.options):
+        reason = _why_gain_is_too_small(request, camera, sampled)
+    return RectifyFrames() if reason is None else Leave(reason, frames)
+
+
+def _by_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Decision]:
+    """Decides by a motion file, which states readout time and direction, and the lens."""
+    clip = request.clip
+    assert request.options.motion is not None
+    motion = load_clip_motion(request.options.motion)
+    if (motion.height, motion.width) != (clip.height, clip.width):
+        raise UnshutterError(
+            f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "
+            f"{clip.width}x{clip.height}: it belongs to another clip"
+        )
+    time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
+    request = replace(request, scan_direction=motion.scan_direction, lens=motion.lens)
+    return request, ClipCamera(time, motion.lens), RectifyFrames(motion)
+
+
+def why_unfit(camera: ClipCamera) -> Reason | None:
+    """Returns why frames must not be straightened with the readout time of their camera; None if they may be.
+
+    A usual time stands in for one that the frames do not reveal only where they wobble, and where their camera did not
+    move or there is no second frame: these have no motion to undo. The times of rows that a camera moved as it
+    stabilised its clip are unknown.
+    """
+    time = camera.readout_time
+    unrevealed = time.instead_of
+    if unrevealed is None or camera.stabilised is not None:
+        return unrevealed and camera.stabilised
+    if unrevealed.code in (Code.READ_AT_ONCE, Code.NO_WOBBLE):
+        return unrevealed
+    shown = camera.shown
+    at_rest = dict(unrevealed.figures).get("because") in AT_REST
+    if time.source is not ReadoutSource.USUAL or at_rest or camera.frames < 2 or (shown is not None and shown.wobbles):
+        return None
+    return Reason(Code.NO_WOBBLE) if shown is not None and shown.would_show else unrevealed
+
+
+# ---- by what straightening gains -------------------------------------------------------------------------------
+
+
+def _why_gain_is_too_small(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Reason | None:
+    """Returns why a clip gains too little: by some 60 pairs of frames; if these are of all frames, then by all."""
+    known = camera.readout_time, camera.gyro and camera.gyro.rotations
+    is_short = sampled.is_whole and len(sampled.parts[0]) <= gain.ALL
+    if not is_short:
+        few = gain.gain_of_parts(request, *known, sampled.runs(gain.RUNS, gain.RUN))
+        if not sampled.is_whole or why_no_gain(few, _SURE_OF_FEW) is None:
+            return why_no_gain(few)
+    stage = Stage.JUDGE if is_short else Stage.JUDGE_ALL
+    return why_no_gain(gain.gain_of_parts(request, *known, sampled.parts, stage))
+
+
+def why_no_gain(measured: Gain, sure: float = _SURE) -> Reason | None:
+    """Returns why a clip is no better afterwards; None if it is, or if no frames can tell.
+
+    Args:
+        sure: standard deviations by which the gain must exceed 0.
+    """
+    if measured.frames == measured.reasons.total():
+        return measured.reasons.most_common(1)[0][0] if measured.reasons else None
+    if 2 * len(measured.displaced_px) >= measured.frames and not is_visible(measured.displaced_px):
+        return Reason(Code.NO_VISIBLE_DISTORTION)
+    if measured.steps.follow < _FOLLOWS:
+        return Reason.of(Code.LEANS_OTHERWISE, correlation=round(measured.steps.follow, 2))
+    sizes = measured.steps.sizes
+    if sizes is not None and _are_worse(sizes[1], sizes[0], _SLACK_PX * measured.steps.rows / TALL):
+        figures = zip(sizes[0].figures, sizes[1].figures, strict=True)
+        before, after = next((was, now) for was, now in figures if now > was)
+        return _no_gain(before, after, measured.short_side / measured.steps.rows)
+    if len(measured.gains) < _MIN_PAIRS:
+        return None
+    change, displaced = np.median(measured.changes_px, axis=0)
+    before, after = map(float, np.median(measured.wobble_px, axis=0))
+    usual, error = measured.gain
+    if change < _EVEN * displaced or (usual > sure * error and after < _PAYS * before):
+        return None
+    return _no_gain(before, after, measured.short_side / TALL)
+
+
+def _no_gain(before: float, after: float, own_px: float) -> Reason:
+    """Returns that a wobble hardly falls; ``own_px``: px of the clip for each px of what it was measured in."""
+    return Reason.of(Code.NO_GAIN, before=round(own_px * before, 3), after=round(own_px * after, 3))
+
+
+def _are_worse(after: StepSizes, before: StepSizes, slack: float) -> bool:
+    """Whether large steps are larger than before, by more than a tenth and some slack [px].
+
+    Where those before are twice as large in general, a single step may be somewhat larger.
+    """
+    once = _MAY_GROW_ONCE if after.usual < before.usual / 2 else _MAY_GROW
+    grows = after.usual > _MAY_GROW * before.usual + slack or after.largest > once * before.largest + slack
+    return grows or after.rms > max(before.rms, slack)
+
+
+def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
+    """Whether anyone can see that frames are displaced so far [px, but of 1080 rows at most]."""
+    most = np.percentile(displaced_px, _MOST_FRAMES)
+    return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
