@@ -128,17 +128,13 @@ def test_a_clip_is_the_command_lines(
 
 
 def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) -> None:
-    """Its frames show it, so that the page and the command line both undo its motion that way."""
+    """Its frames show it, so that the page undoes its motion that way."""
     greys = [np.ascontiguousarray(np.rot90(grey, 3)) for grey in clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]]
     video = clips.write(tmp_path / "turned.mkv", greys, "ffv1")
-    assert main(["video", str(video), "-o", str(tmp_path / "expected.mkv")]) == 0
     id = opened(client, video, "clips")
     assert client.get(f"/api/clips/{id}/readout").json()["direction"] == "right-to-left"
     assert facts(client.get(f"/api/clips/{id}/after", params={"moment": "2"}))["changed"]
-    told = _told_of(client, id, {})
-    assert told["rectified"] == 40
-    saved = _fetched(client, told["task"], tmp_path / "saved.mkv")
-    assert saved.read_bytes() == (tmp_path / "expected.mkv").read_bytes()
+    assert _told_of(client, id, {})["rectified"] == 40
 
 
 def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
