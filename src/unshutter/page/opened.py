@@ -91,14 +91,6 @@ def put_text(file: Path, text: str) -> None:
     put(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
-def kept(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], T]) -> T:
-    """Returns the result of ``make`` for these options as JSON, from the cache if it is there."""
-    file = open_file.path.with_name(f"{what}-{hash_options(*key)}.json")
-    if not file.exists():
-        put_text(file, json.dumps(make()))
-    return json.loads(file.read_text(encoding="utf-8"))
-
-
 def remembered(open_file: OpenFile, what: str, key: tuple[object, ...], make: Callable[[], T]) -> T:
     """Returns the result of ``make``, of any type, from the cache if it is there: only this program writes there."""
     file = open_file.path.with_name(f"{what}-{hash_options(*key)}.pickle")

@@ -17,26 +17,26 @@ import numpy as np
 from unshutter.api import motion_of_lines
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion.edges import EdgeDecision, EdgePolicy, valid_window
-from unshutter.motion.finding import Candidate, Finding
+from unshutter.motion.finding import Finding
 from unshutter.motion.grid import Tile, rs_to_gs_map
 from unshutter.motion.lean import Lean
 from unshutter.motion.verdict import LEAST_PX, Certainty, Verdict, judge
 from unshutter.motion.warp import edge_decision, straighten, validity_mask
 from unshutter.options import LEAST_GOOD_CROP, DecisionOptions, Find, Rectify, Undo
 from unshutter.orientation import Orientation
-from unshutter.page.opened import OpenFile, errors_of, kept, neighbour_names
+from unshutter.page.opened import OpenFile, errors_of, neighbour_names, remembered
 from unshutter.page.screen import arrows, as_jpeg, corners_of, opened, pixels_of, shares, small_copy
 from unshutter.page.sentences import reason_json, verdict_json
 from unshutter.page.settings import ByHand, PhotoOptions
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
-from unshutter.readout_time import ReadoutRatio, ReadoutSource
+from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import JsonObject, MotionSource, rounded
 from unshutter.rectification.find import find as find_motion
 from unshutter.rectification.sequences import rectify_between, with_ratio
 from unshutter.run.bursts import look_like_bursts
 from unshutter.run.work import Job, finish_job, sequence_options
-from unshutter.single.drawn_lines import DrawnLine
+from unshutter.single.drawn_lines import DrawnLine, StraightenedLines
 from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
 from unshutter.single.register import load
 from unshutter.storage.targets import Target, TargetKind
@@ -157,7 +157,7 @@ def after(
             shape = {name: round(value, 3) for name, value in vars(Lean.of(finding.motion)).items()}
             result |= {"shape": shape, "readout": str(finding.motion.scan_direction)}
             if options.hand.lines:
-                result["lines"] = _straighten_lines(open_file, photo, asked.find, options.hand.lines)[1]
+                result["lines"] = _straighten_lines(open_file, photo, asked.find, options.hand.lines).troubles
         uncropped = {"edges": None, "area_left": None, "little_left": False, "crop": None}
         return as_jpeg(pixels, photo.orientation), uncropped | result
 
@@ -202,14 +202,11 @@ def _rectify_between(
     if ratio is None:  # by the files themselves, as for saving
         files = [each for each in (neighbours[0], open_file, neighbours[1]) if each is not None]
 
-        def find_ratio() -> JsonObject | None:
-            whole = replace(sequence, focal_px=focal_px)
-            found = with_ratio([opened(each) for each in files], whole).time
-            return None if found is None else vars(found)
+        def find_ratio() -> ReadoutRatio | None:
+            return with_ratio([opened(each) for each in files], replace(sequence, focal_px=focal_px)).time
 
         key = frames, options.undo, focal_px, sequence.scan_direction, sequence.model, sequence.at, sequence.alone
-        known = kept(open_file, "ratio", key, find_ratio)
-        ratio = None if known is None else ReadoutRatio(**{**known, "source": ReadoutSource(known["source"])})
+        ratio = remembered(open_file, "ratio", key, find_ratio)
         sequence = replace(sequence, time=ratio)
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
@@ -286,7 +283,7 @@ def _find(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Fin
     """Returns the motion before strength is applied, and how to undo it: at any confidence if it was set by hand."""
     asked = options.rectify
     if options.hand.lines:
-        finding, _ = _straighten_lines(open_file, photo, asked.find, options.hand.lines)
+        finding = _straighten_lines(open_file, photo, asked.find, options.hand.lines).finding
     else:
         finding = _find_motion(open_file, photo, asked.find).choose(asked.find.candidate)
     if not options.hand:
@@ -307,32 +304,21 @@ def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rect
 def _find_motion(open_file: OpenFile, photo: Photo, find: Find) -> Finding:
     """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
     alone = replace(find, candidate=None)  # whichever candidate is chosen
-
-    def list_candidates() -> list[JsonObject]:
-        found = find_motion(photo, find).candidates
-        return [{**vars(each), "finding": each.finding.to_json()} for each in found]
-
-    listed = kept(open_file, "candidates", (alone,), list_candidates)
-    candidates = tuple(Candidate(**{**each, "finding": Finding.from_json(each["finding"])}) for each in listed)
+    candidates = remembered(open_file, "candidates", (alone,), lambda: find_motion(photo, find).candidates)
     return replace(candidates[0].finding, candidates=candidates)
 
 
 # ---- by hand -----------------------------------------------------------------------------------------------------
 
 
-def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> tuple[Finding, list[str | None]]:
-    """Returns the motion that straightens drawn lines and the trouble with each line, cached for the numbers."""
-
-    def straighten() -> JsonObject:
-        found = motion_of_lines(photo, _lines(text, photo), find.camera)
-        return {"finding": found.finding.to_json(), "troubles": found.troubles}
-
-    known = kept(open_file, "lines", (find, text), straighten)
-    return Finding.from_json(known["finding"]), known["troubles"]
+def _straighten_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> StraightenedLines:
+    """Returns the motion that straightens drawn lines, and the trouble with each; cached."""
+    return remembered(
+        open_file, "lines", (find, text), lambda: motion_of_lines(photo, _lines(text, photo), find.camera)
+    )
 
 
 def _lines(text: str, photo: Photo) -> list[DrawnLine]:
-
     try:
         listed = [(kind, [float(share) for share in positions]) for kind, *positions in json.loads(text)]
     except (ValueError, TypeError, RecursionError):

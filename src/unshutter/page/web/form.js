@@ -101,8 +101,9 @@ function widget(kind, name, schema, id, set) {
   }
   if (!schema.enum) return text(id, said, schema.examples, set);
   const values = schema.default === undefined ? ["", ...schema.enum] : schema.enum;
-  const choices = look(words.choices, `${kind}-${name}`) ?? look(words.choices, name) ?? {};
-  const named = values.map((value) => [value, look(choices, value) ?? look(schema.titles ?? {}, value) ?? (value || words.usual)]);
+  const choices = look(words.choices, `${kind}-${name}`) ?? look(words.choices, name);
+  const titles = { "": words.usual, ...schema.titles, ...choices };
+  const named = values.map((value) => [value, look(titles, value) ?? value]);
   return select(id, said, Object.fromEntries(named), set);
 }
 
