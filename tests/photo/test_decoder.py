@@ -5,10 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from support.drawn_photos import drawn, encoded, one_line, textured
+from support.drawn_photos import encoded, one_line, textured
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
 from unshutter.storage import files
@@ -81,24 +79,3 @@ def test_truncated_files_are_found_before_anything_is_written(tmp_path, format, 
         assert "damaged" in one_line(error) and str(path) in str(error.value)
     assert os.listdir(tmp_path) == [path.name]
     assert capfd.readouterr() == ("", "")
-
-
-@settings(deadline=None, max_examples=150)
-@given(st.sampled_from(["JPEG", "PNG", "WEBP", "TIFF", "AVIF"]), st.data())
-def test_damage_gives_a_picture_or_one_clear_line(format, data):
-    whole = encoded(drawn(), format)
-    damaged = bytearray(whole)
-    for _ in range(data.draw(st.integers(1, 4))):
-        damaged[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    try:
-        photo = Photo.from_bytes(bytes(damaged), max_pixels=10_000_000)
-        assert photo.to_array().shape[:2] == (photo.height, photo.width)
-    except UnshutterError as error:
-        assert "\n" not in str(error)
-
-
-def test_a_file_changed_since_is_read_anew(tmp_path):
-    path = tmp_path / "in.png"
-    for pixels in (drawn(), drawn()[::-1], drawn(20, 30)):
-        path.write_bytes(encoded(np.ascontiguousarray(pixels), "PNG"))
-        np.testing.assert_array_equal(Photo.open(path).to_array(), pixels)

@@ -7,8 +7,6 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 from PIL.JpegImagePlugin import get_sampling
 
@@ -59,18 +57,6 @@ def test_other_programs_read_the_same_pixels(tmp_path, format, dtype, bands):
         order = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[bands]
         read = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).reshape(48, 80, -1)[..., order]
     np.testing.assert_array_equal(read.reshape(48, 80, -1), pixels)
-
-
-@settings(deadline=None, max_examples=25)
-@given(
-    st.integers(1, 40), st.integers(1, 40), st.integers(1, 4), st.sampled_from([np.uint8, np.uint16]), st.integers(0)
-)
-def test_any_size_survives_png_and_tiff(height, width, bands, dtype, seed):
-    top = np.iinfo(dtype).max + 1
-    pixels = np.random.default_rng(seed).integers(0, top, (height, width, bands)).astype(dtype)
-    for format in LOSSLESS:
-        back = Photo.from_bytes(Photo.from_array(pixels).to_bytes(format)).to_array()
-        np.testing.assert_array_equal(back.reshape(pixels.shape), pixels)
 
 
 def test_16_bits_become_8_by_rounding(tmp_path):

@@ -73,17 +73,6 @@ def test_existing_files_need_overwrite_and_the_original_is_never_replaced(tmp_pa
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
 
 
-def test_nothing_is_saved_through_a_link(tmp_path):
-    behind, link = tmp_path / "behind.png", tmp_path / "link.png"
-    behind.write_bytes(b"old")
-    link.symlink_to(behind)
-    with pytest.raises(UnshutterError, match="it is a link") as error:
-        Photo.from_array(drawn()).save(link, overwrite=True)
-    one_line(error)
-    assert link.is_symlink()
-    assert behind.read_bytes() == b"old"
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="needs permissions")
 @pytest.mark.parametrize("mode", [0o600, 0o664])
 def test_the_result_has_the_permissions_of_the_original(tmp_path, mode):
@@ -157,14 +146,3 @@ def test_complaints_that_are_not_text_do_not_spoil_later_ones(tmp_path):
     with pytest.raises(UnshutterError) as error:
         Photo.from_bytes(encoded(drawn(), "WEBP")[:20])
     assert one_line(error).endswith("unusual: part of its data cannot be decoded")
-
-
-@pytest.mark.parametrize(("overwrite", "call"), [(False, "link"), (True, "replace")])
-def test_an_interrupted_save_leaves_nothing_behind(tmp_path, monkeypatch, overwrite, call):
-    def interrupted(source, target):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, call, interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        Photo.from_array(drawn()).save(tmp_path / "out.png", overwrite=overwrite)
-    assert os.listdir(tmp_path) == []

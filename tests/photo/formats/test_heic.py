@@ -59,11 +59,10 @@ def test_heic_gives_its_subsampling_to_jpeg(chroma: int, expected: int) -> None:
         assert get_sampling(picture) == expected
 
 
-@pytest.mark.parametrize("target", ["jpeg", "png", "webp", "tiff", "avif"])
-def test_exif_that_goes_round_in_circles_goes_no_further(target: str) -> None:
+def test_exif_that_goes_round_in_circles_goes_no_further() -> None:
     loop = struct.pack("<HHHI4sHHII", 2, 0x010F, 2, 4, b"Own\0", EXIF, 4, 1, 8) + struct.pack("<I", 8)
     photo = Photo.from_bytes(heic(drawn(64, 96), exif=b"Exif\0\0II*\0\x08\0\0\0" + loop))
-    result = photo.encode(target)
+    result = photo.encode()
     assert result.left_out == ("EXIF (damaged)",) and loop not in result.data
     with Image.open(io.BytesIO(result.data)) as picture:
         assert picture.getexif()[0x010F] == "Own"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image, PngImagePlugin
+from PIL import Image
 
 from support.drawn_photos import drawn, encoded
 from support.tagged_files import SRGB, TITLE, check_rich_exif, image_resources, rich_exif
@@ -57,17 +57,6 @@ def again(data: bytes) -> bytes:
     return file.data
 
 
-def test_resolution_and_png_texts_are_kept():
-    texts = PngImagePlugin.PngInfo()
-    texts.add_text("Title", "Street")
-    photo = Photo.from_bytes(encoded(drawn(), "PNG", pnginfo=texts, dpi=(300, 300)))
-    changed = photo.with_pixels(drawn())
-    with Image.open(io.BytesIO(changed.to_bytes())) as picture:
-        assert picture.info["Title"] == "Street" and picture.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-    with Image.open(io.BytesIO(photo.to_bytes("tiff"))) as picture:
-        assert picture.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-
-
 @pytest.mark.parametrize("phys", [None, struct.pack(">IIB", 11811, 11811, 1), struct.pack(">IIB", 3, 2, 0)])
 def test_the_resolution_is_what_it_was_and_none_is_made_up(phys):
     data = again(png_with(*([] if phys is None else [(b"pHYs", phys)])))
@@ -90,11 +79,6 @@ def test_the_resolution_is_what_it_was_and_none_is_made_up(phys):
 )
 def test_texts_stay_as_they_are_wherever_they_stand(text, at_the_end):
     assert text in chunks_of(again(png_with(text, at_the_end=at_the_end)))
-
-
-def test_keywords_with_the_same_first_word_both_stay():
-    texts = [(b"tEXt", b"Creation Time\x002020-01-01"), (b"tEXt", b"Creation Place\0Rome")]
-    assert [pair for pair in chunks_of(again(png_with(*texts))) if pair[0] == b"tEXt"] == texts
 
 
 def test_texts_that_another_format_has_no_place_for_are_named():

@@ -161,11 +161,6 @@ def test_a_mask_of_a_big_tiff_is_not_taken_for_transparency():
     assert Photo.from_bytes(photo.to_bytes()).masked
 
 
-def test_transparency_stays_so():
-    photo = Photo.from_bytes(encoded(drawn(bands=4), "TIFF"))
-    assert photo.has_alpha and Photo.from_bytes(photo.to_bytes()).has_alpha
-
-
 def test_grey_with_several_channels_is_no_rgb():
     data = bytearray(encoded(drawn(), "TIFF"))
     at = data.index(struct.pack("<HHIH", 262, 3, 1, 2))
@@ -200,6 +195,8 @@ def test_damaged_jpeg_data_inside_are_refused():
 OWN_TAGS = {
     269: "a document",
     285: "a page",
+    286: 1.5,
+    287: 2.25,
     316: "a computer",
     318: (0.3127, 0.329),
     319: (0.64, 0.33, 0.3, 0.6, 0.15, 0.06),
@@ -213,7 +210,7 @@ def test_names_colours_serial_number_and_place_on_earth_are_kept():
     result = photo.with_pixels(drawn()).encode()
     with Image.open(io.BytesIO(result.data)) as picture:
         for tag, value in (OWN_TAGS | PLACE).items():
-            expected = pytest.approx(value) if isinstance(value[0], float) else value
+            expected = value if isinstance(value, str) else pytest.approx(value)
             assert picture.tag_v2[tag] == expected, tag
     assert result.left_out == ()
 
@@ -248,13 +245,6 @@ def test_a_resolution_is_not_rounded(dpi, monkeypatch):
                 told = [Fraction(picture.tag_v2[tag].numerator, picture.tag_v2[tag].denominator) for tag in (282, 283)]
             error = 1e-9 if photo.format == "tiff" else 3e-4  # PNG counts whole pixels in a metre
             assert [float(each) * per_inch for each in told] == pytest.approx([dpi, 2 * dpi], rel=error)
-
-
-def test_the_place_on_the_page_is_kept():
-    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={286: 1.5, 287: 2.25}))
-    for format in ("tiff", "jpeg"):
-        with Image.open(io.BytesIO(photo.to_bytes(format))) as picture:
-            assert [picture.getexif()[tag] for tag in (286, 287)] == [1.5, 2.25]
 
 
 def test_a_description_goes_along_as_exif_does():
