@@ -54,9 +54,7 @@ class ScanDirection(StrEnum):
 
     def to_scan_frame(self, pixels: np.ndarray) -> np.ndarray:
         """Rotates stored pixels [H, W, ...] into the readout frame."""
-        import numpy as np
-
-        return np.rot90(pixels, self.quarter_turns)
+        return _rotated_pixels(pixels, self.quarter_turns)
 
     def points_to_frame(self, col, row, height: int, width: int):
         """Converts stored pixel positions (in a stored picture of height x width) to positions in the readout frame."""
@@ -67,8 +65,16 @@ class ScanDirection(StrEnum):
         return _rotated(col, row, *self.frame_size(height, width), -self.quarter_turns % 4)
 
 
+def _rotated_pixels(pixels: np.ndarray, quarter_turns: int) -> np.ndarray:
+    """Returns a view of pixels [H, W, ...] rotated counter-clockwise by 0 to 3 quarter turns."""
+    if quarter_turns % 2 == 0:
+        return pixels[::-1, ::-1] if quarter_turns else pixels[:]
+    transposed = pixels.swapaxes(0, 1)
+    return transposed[::-1] if quarter_turns == 1 else transposed[:, ::-1]
+
+
 def _rotated(col, row, height: int, width: int, quarter_turns: int):
-    """Turns positions in a picture of height x width counter-clockwise."""
+    """Rotates positions in a picture of height x width counter-clockwise."""
     if quarter_turns == 0:
         return col, row
     if quarter_turns == 1:
@@ -136,15 +142,11 @@ class Orientation(IntEnum):
 
     def upright(self, pixels: np.ndarray) -> np.ndarray:
         """Returns a view of stored pixels [H, W, ...] as shown by a viewer."""
-        import numpy as np
-
-        return np.rot90(pixels[:, ::-1] if self.mirrored else pixels, -self.quarter_turns)
+        return _rotated_pixels(pixels[:, ::-1] if self.mirrored else pixels, -self.quarter_turns % 4)
 
     def stored(self, pixels: np.ndarray) -> np.ndarray:
         """Returns a view of upright pixels [H, W, ...] as they are stored."""
-        import numpy as np
-
-        rotated = np.rot90(pixels, self.quarter_turns)
+        rotated = _rotated_pixels(pixels, self.quarter_turns)
         return rotated[:, ::-1] if self.mirrored else rotated
 
     def upright_point(self, across, down):

@@ -1,4 +1,4 @@
-"""How long a camera takes to read out a frame: the time, how sure it is, and where it comes from."""
+"""The time in which a camera reads out a frame: its value, its error and its source."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ReadoutRatio:
     source: ReadoutSource = ReadoutSource.GIVEN
 
     def seconds(self, interval_s: float) -> ReadoutTime:
-        """Returns the time of frames that are so far apart."""
+        """Returns the readout time for an interval between frames [s]."""
         return ReadoutTime(self.value * interval_s, self.error * interval_s, self.source)
 
     def __str__(self) -> str:

@@ -42,7 +42,7 @@ def trees(depth=0):
     return st.tuples(plain, trees(1), trees(2)).map(lambda t: t[0] | {EXIF: t[1], GPS: t[2]})
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(trees(), st.sampled_from(["<", ">"]))
 def test_directories_survive_blob_and_tiff(directory, order):
     blob = exif.of_tiff(directories.Tree(order, [directory]))
@@ -65,7 +65,7 @@ def test_directories_survive_blob_and_tiff(directory, order):
         assert tree is not None and tree.pages[0] == directory | {256: directories.Entry(4, 1, b"\0\0\0\7")}
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 @given(st.data())
 def test_damaged_directories_are_read_as_far_as_they_go(data):
     whole = bytearray(full_exif(data.draw(st.sampled_from(["<", ">"]))))

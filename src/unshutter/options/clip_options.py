@@ -80,7 +80,7 @@ class Shutter:
         return all(each is None for each in known)
 
     def readout_time(self, interval_s: float) -> ReadoutTime | None:
-        """Returns the stated readout time of frames that are so far apart, or None if it is not stated."""
+        """Returns the stated readout time for an interval between frames; None if none is stated."""
         if self.readout_ratio is not None:
             return ReadoutRatio(self.readout_ratio).seconds(interval_s)
         if self.readout_ms is None:

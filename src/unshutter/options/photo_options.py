@@ -22,7 +22,7 @@ _LONGEST_PX = 1e9  # the longest focal length
 
 
 def check_focal(focal_px: float | None, rows: int = 64) -> None:
-    """Checks a focal length [px], if any, for a picture of so many rows; by default, the fewest that are accepted."""
+    """Checks a focal length [px], if any, for a picture with this many rows, by default the fewest accepted."""
     least = rows / _WIDEST
     if focal_px is not None and not least <= focal_px <= _LONGEST_PX:
         raise UsageError(f"{{--focal-px}} must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
@@ -83,7 +83,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class DecisionOptions:
-    """What decides between undoing a motion and leaving the photo unchanged, apart from the photo."""
+    """The user's and the folder's part in deciding whether to undo a motion."""
 
     # confidence from which a motion is undone, instead of weighing gain against harm; 0: the likeliest, however unsure
     least_confidence: float | None = None

@@ -1,4 +1,4 @@
-"""The camera's attitude, from phones' accelerometers and from XMP by gimbals and level gauges.
+"""The camera's attitude, as recorded by phones' accelerometers, and in XMP by gimbals and level gauges.
 
 All makers' angles are converted to those of :class:`Attitude`: roll clockwise as seen by the photographer, upward tilt,
 both for the upright picture. Accelerometers are built into cameras, so the quarter turn of a portrait photo is first

@@ -1,4 +1,4 @@
-"""Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files, and the items in those of AVIF and HEIC.
+"""Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files, and the items of AVIF and HEIC.
 
 Results contain only the primary picture and its metadata. Everything else (maps, mattes, further pictures, videos) is
 only reported by name: maps and mattes fit only the old pixels, and nothing here can write the rest.

@@ -1,4 +1,4 @@
-"""From encoded data to pixels: recognises their format, reads their header, decodes them, and makes reduced copies.
+"""Recognises the format of encoded data, reads their header, decodes them, and makes reduced copies.
 
 Copies are grey for finding motion and 8-bit sRGB for screens. All are made on first use, or ahead of it in a thread.
 """

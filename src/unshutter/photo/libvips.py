@@ -1,4 +1,4 @@
-"""libvips: the encoded data that it reads, its import on demand, its errors in plain words, its images as arrays."""
+"""libvips: its import on demand, its input, its errors in plain words, and its images as arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photo: pixels and metadata, read from a file or an array and written, and what Python functions take for one."""
+"""Photo: pixels and metadata, from a file or an array; and open_photo, for all that Python functions accept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard
+from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard, cast
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, Save
@@ -391,8 +391,8 @@ def open_photo(argument: PhotoLike, max_pixels: int = MAX_PIXELS) -> Photo:
     if isinstance(argument, (bytes, bytearray, memoryview)):
         return Photo.from_bytes(bytes(argument), max_pixels)
     made_from = files_behind(argument)
-    if _is_file(argument):
-        data = argument.read()
+    if callable(getattr(argument, "read", None)):
+        data = cast(IO, argument).read()
         if not isinstance(data, bytes):
             raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
         return replace(Photo.from_bytes(data, max_pixels), made_from=made_from)
@@ -416,10 +416,6 @@ def check_size(height: int, width: int, subject: str = "the photo", **files: obj
     if min(height, width) < SMALLEST_SIDE:
         size = f"{width}x{height} px"
         raise UnshutterError(f"{subject} is {size}; both sides must be at least {SMALLEST_SIDE} px", **files)
-
-
-def _is_file(argument: object) -> TypeGuard[IO]:
-    return callable(getattr(argument, "read", None))
 
 
 def _is_pillow(argument: object) -> TypeGuard[Image]:

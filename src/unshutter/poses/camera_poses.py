@@ -1,4 +1,4 @@
-"""The poses of a model's pictures, and the files for other programs that they are written to."""
+"""The poses of a model's pictures, and the files in which other programs read them."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class CameraPoses:
 
 
 def write_poses(poses: CameraPoses, folder: Path, images: str, overwrite: bool) -> None:
-    """Writes those of :data:`NAMES` that hold the cameras' models into a folder, which is created.
+    """Writes the files of :data:`NAMES` that can hold the cameras' lens models to a folder, created if missing.
 
     All are checked before the first is written.
 
@@ -128,7 +128,7 @@ def write_poses(poses: CameraPoses, folder: Path, images: str, overwrite: bool) 
 
 
 def _arrays(poses: CameraPoses) -> dict[str, np.ndarray]:
-    """Returns what gsplat's ``rasterization`` takes, an entry for each picture."""
+    """Returns the arguments of gsplat's ``rasterization``, one entry for each picture."""
     pictures = poses.pictures
     cameras = [each.picture.camera for each in pictures]
     direction = [f"ROLLING_{each.scan_direction.name}" for each in pictures]
@@ -153,7 +153,7 @@ def _coefficients(cameras: list[ColmapCamera], names: tuple[str, ...]) -> np.nda
 
 
 def _transforms(poses: CameraPoses, images: str) -> dict[str, object]:
-    """Returns nerfstudio's description of the pictures; keys that it does not know are ignored there."""
+    """Returns nerfstudio's description of the pictures; nerfstudio ignores keys that it does not know."""
     cameras = [_intrinsics(each.picture.camera) for each in poses.pictures]
     shared = {name: value for name, value in cameras[0].items() if all(each.get(name) == value for each in cameras)}
     frames = [

@@ -1,4 +1,4 @@
-"""Matches the pictures of a model to frames of a clip: by their names, confirmed by how the camera turned.
+"""Matches the pictures of a model to the frames of a clip, by their names and the camera's rotations.
 
 Pictures may have been thinned out and renumbered, or belong to another clip. The rotations between pictures of the
 model are therefore compared with those between frames of the clip. Poses of a model are inexact, and in the clip's
@@ -26,7 +26,7 @@ _STRIDES = (2, 3)  # frames per picture are a multiple of one by these
 def match_frames(
     rotations: Float64[np.ndarray, "pictures 3 3"], numbers: list[int], steps: Float64[np.ndarray, "frames 3 3"]
 ) -> list[int] | None:
-    """Returns the frames that pictures of one camera show; None if the clip's camera turned otherwise.
+    """Returns the frames that the pictures of one camera show; None if their rotations contradict the clip's.
 
     Where the rotations tell nothing, and where no frames match and the clip has no such numbers, these are returned.
 
@@ -112,7 +112,7 @@ def _between(rotations: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.n
 
 
 def _smooth(values: np.ndarray, count: int) -> np.ndarray:
-    """Returns the running mean over so many values [N, 3], fewer at the ends."""
+    """Returns the running mean over ``count`` values [N, 3], fewer at the ends."""
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
     at = np.arange(len(values))
     low, high = np.maximum(at - count // 2, 0), np.minimum(at + count // 2 + 1, len(values))
@@ -120,7 +120,7 @@ def _smooth(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def _searched(rotations: np.ndarray, named: np.ndarray, path: _ClipPath) -> np.ndarray | None:
-    """Returns evenly thinned frames whose rotations match those of the pictures, by their distances or their order."""
+    """Searches evenly thinned frames whose rotations match those of the pictures, by the numbers or order of names."""
     best, found = _MATCHES, None
     used = slice(0, _MOST_PICTURES)
     for places in (named - named[0], np.arange(len(named))):

@@ -1,4 +1,4 @@
-"""How the camera turned within each picture of a model, and between them, from motion files."""
+"""The camera's rotations within each picture of a model, and between pictures, from motion files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LONGEST_S = 1.0  # between pictures from whose poses a speed is taken
 
 @dataclass(frozen=True)
 class Clock:
-    """When the frames of a video were read."""
+    """The timing of a video's frames."""
 
     interval_s: float  # time from one frame to the next [s]
     readout_s: float  # time from a frame's first line to the end of its last [s]
@@ -34,7 +34,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class PictureCamera:
-    """What is known of the camera from the model."""
+    """A picture's size and focal length, from the model."""
 
     height: int  # of the stored pictures [px]
     width: int
@@ -42,7 +42,7 @@ class PictureCamera:
 
 
 class FrameRotations(ABC):
-    """How the camera turned within the frames of a video, which are counted from 0."""
+    """The camera's rotations within and between the frames of a video, which are counted from 0."""
 
     readout_s: float
 
@@ -210,7 +210,7 @@ def rotations_in_picture(found: Finding, camera: PictureCamera) -> Float64[np.nd
 def _in_picture(
     rotations: Float64[np.ndarray, "*at 3"], moved: float, scan_direction: ScanDirection
 ) -> Float64[np.ndarray, "*at 3 3"]:
-    """Returns rotations of the readout frame's axes as those of the stored picture's.
+    """Converts rotations from the axes of the readout frame to those of the stored picture.
 
     Args:
         moved: focal length that the turns were found with, as a share of the model's; where it was wrong, turns about x

@@ -1,4 +1,4 @@
-"""The camera's poses at rows: those of a COLMAP model, the motion within each picture, and its neighbours' positions.
+"""The camera's pose at each row, from a COLMAP model, the motion within each picture and its neighbours' positions.
 
 Convention: a pose is the matrix [4, 4] from the world to the camera's axes (x to the right, y down, z into the scene,
 as in OpenCV and COLMAP). COLMAP finds one for each picture, P_m, which is that of the row m that the picture shows: the
@@ -157,7 +157,7 @@ def _numbers(series: list[tuple[int, ColmapPicture]], source: FrameRotations) ->
 
 
 def _matched(name: str, numbers: list[int], *, is_only: bool) -> str:
-    """Returns what is said of pictures whose names do not fit the clip."""
+    """Describes pictures that show other frames than their names say."""
     which = "" if is_only else f" of {name}"
     frames = ", ".join(map(str, numbers[:3]))
     return f"the pictures{which} show frames {frames} ... {numbers[-1]}, as the camera turned, whatever their names say"

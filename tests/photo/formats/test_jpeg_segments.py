@@ -120,9 +120,9 @@ def long_exif(comment_bytes: int, note_bytes: int = 0) -> bytes:
 
 def test_of_exif_that_is_too_long_for_a_jpeg_only_the_longest_tags_are_left_out() -> None:
     for blob, left_out in (
-        (long_exif(9 << 20), ("long tags of EXIF",)),
+        (long_exif(1 << 20), ("long tags of EXIF",)),
         (long_exif(100, 70_000), ("maker's note",)),
-        (long_exif(9 << 20, 100), ("maker's note", "long tags of EXIF")),
+        (long_exif(1 << 20, 100), ("maker's note", "long tags of EXIF")),
     ):
         file = result(encoded(drawn(), "PNG", exif=blob), "jpeg")
         assert file.left_out == left_out

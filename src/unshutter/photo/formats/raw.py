@@ -81,8 +81,6 @@ class Raw(Format):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        import rawpy
-
         with _opened(source) as raw:
             with source.stream() as stream:
                 whole = is_whole(stream)
@@ -94,14 +92,7 @@ class Raw(Format):
             if not whole:
                 raise UnshutterError("{photo} is incomplete: the file ends too early", photo=source)
             pixels = raw.postprocess(
-                rawpy.Params(
-                    user_flip=0,
-                    output_bps=16,
-                    use_camera_wb=True,
-                    no_auto_bright=True,
-                    gamma=_SRGB_CURVE,
-                    output_color=rawpy.ColorSpace.sRGB,
-                )
+                user_flip=0, output_bps=16, use_camera_wb=True, no_auto_bright=True, gamma=_SRGB_CURVE
             )
         if pixels.shape != (header.height, header.width, 3):
             raise UnshutterError("{photo} cannot be developed: LibRaw turned or cut it", photo=source)

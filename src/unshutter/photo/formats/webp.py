@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, final
+from typing import BinaryIO, final
 
 from unshutter.photo.chunks import OTHER
 from unshutter.photo.directories import EXIF_PREFIX
@@ -39,17 +39,17 @@ class Webp(WrittenFormat):
         """See Format."""
         image = picture_format.open_image(self, source)
         with source.stream() as stream:
-            lossless = next((c.name == b"VP8L" for c in _chunks(stream) if c.name in (b"VP8L", b"VP8 ")), False)
+            lossless = next((name == b"VP8L" for name, _, _ in _chunks(stream) if name in (b"VP8L", b"VP8 ")), False)
             metadata = _with_chunks(picture_format.metadata_of(image), stream).without_exif_loop()
         coding = Coding(subsampled=not lossless, lossless=lossless)
         return picture_format.header(self, source, image, coding, metadata)
 
     def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
         """See Format."""
-        for chunk in _chunks(file):
-            if chunk.name == b"EXIF":
-                blob = _data(file, chunk)
-                yield picture_format.ExifBlock(chunk.at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob)
+        for name, at, size in _chunks(file):
+            if name == b"EXIF":
+                blob = _data(file, at, size)
+                yield picture_format.ExifBlock(at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob)
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
@@ -81,16 +81,8 @@ class Webp(WrittenFormat):
 # ---- chunks --------------------------------------------------------------------------------------------
 
 
-class _Chunk(NamedTuple):
-    """A chunk's name, and the position of its data."""
-
-    name: bytes
-    at: int
-    size: int
-
-
-def _chunks(file: BinaryIO) -> Iterator[_Chunk]:
-    """Yields the chunks of a file, up to the file length stated in its header."""
+def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
+    """Yields (name, start of the data, their length) of the chunks of a file, up to the length stated in its header."""
     file.seek(4)
     at = 12
     end = 8 + int.from_bytes(file.read(4), "little")
@@ -100,24 +92,24 @@ def _chunks(file: BinaryIO) -> Iterator[_Chunk]:
         if len(head) < 8:
             return
         name, size = struct.unpack("<4sI", head)
-        yield _Chunk(name, at + 8, size)
+        yield name, at + 8, size
         at += 8 + size + size % 2
 
 
-def _data(file: BinaryIO, chunk: _Chunk) -> bytes:
-    file.seek(chunk.at)
-    return file.read(min(chunk.size, _LONGEST))
+def _data(file: BinaryIO, at: int, size: int) -> bytes:
+    file.seek(at)
+    return file.read(min(size, _LONGEST))
 
 
 def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
     """Completes the metadata that libvips found, which misses chunks not announced in the header, and misspelt XMP."""
     blobs: dict[str, bytes] = {}
     lost: list[str] = []
-    for chunk in _chunks(file):
-        attribute = _METADATA.get(chunk.name)
+    for name, at, size in _chunks(file):
+        attribute = _METADATA.get(name)
         if attribute is not None and attribute not in blobs:
-            blobs[attribute] = _data(file, chunk)
-        elif chunk.name not in _OF_THE_CODING:
+            blobs[attribute] = _data(file, at, size)
+        elif name not in _OF_THE_CODING:
             lost.append(OTHER)
     file.seek(4)
     file.seek(8 + int.from_bytes(file.read(4), "little"))  # to the end that the header states
