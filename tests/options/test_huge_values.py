@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import unshutter
+from support.covering import covering
 from support.drawn_photos import drawn, encoded, one_line
 from unshutter import Motion, Photo, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
@@ -27,11 +28,12 @@ def photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "photo.jpg"
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in inspect.signature(unshutter.rectify).parameters if name not in ("photo", "no_film")]
-)
-@pytest.mark.parametrize("value", [HUGE, -HUGE, 10**5000], ids=["400 digits", "negative", "5000 digits"])
-def test_python(name: str, value: int, photo: str) -> None:
+KEYWORDS = [name for name in inspect.signature(unshutter.rectify).parameters if name not in ("photo", "no_film")]
+
+
+@pytest.mark.parametrize(("name", "digits"), covering(KEYWORDS, [400, -400, 5000]))
+def test_python(name: str, digits: int, photo: str) -> None:
+    value = 10**digits if digits > 0 else -(10**-digits)
     with pytest.raises(UnshutterError) as error:
         unshutter.rectify(photo, **{name: value})
     assert len(one_line(error)) < 300
@@ -47,9 +49,10 @@ def test_a_strength_of_400_digits() -> None:
         MOTION.scaled(HUGE)
 
 
-@pytest.mark.parametrize("command", ["rectify", "estimate", "video"])
-@pytest.mark.parametrize("flag", ["quality", "jobs", "candidate", "max-pixels", "crf", "threads"])
-@pytest.mark.parametrize("digits", [400, 5000])
+FLAGS = ["quality", "jobs", "candidate", "max-pixels", "crf", "threads"]
+
+
+@pytest.mark.parametrize(("flag", "command", "digits"), covering(FLAGS, ["rectify", "estimate", "video"], [400, 5000]))
 def test_the_command_line(command: str, flag: str, digits: int, photo: str, capsys) -> None:
     assert main([command, photo, "-o", "out", f"--{flag}", "9" * digits]) == 2
     assert capsys.readouterr().err.count("\n") == 1
@@ -110,8 +113,7 @@ WAYS_IN: dict[str, Callable[[str], object]] = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS_IN)
-@pytest.mark.parametrize("name", ["a\0b", "a\ud800b", "x" * 5000], ids=["NUL", "surrogate", "long"])
+@pytest.mark.parametrize(("way", "name"), covering([*WAYS_IN], ["a\0b", "a\ud800b", "x" * 5000]))
 def test_names_that_no_file_can_have(name: str, way: str, photo: str) -> None:
     before = sorted(os.listdir())
     with pytest.raises(UnshutterError) as error:

@@ -169,7 +169,7 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     packet = metadata.xmp
     resources = metadata.resources
     if packet is not None:
-        video = metadata.video if "film" in format.holds else None
+        video = metadata.video if "video" in format.holds else None
         left_out += xmp.lost(packet, video is not None)
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)

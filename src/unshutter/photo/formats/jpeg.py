@@ -64,7 +64,7 @@ class Jpeg(WrittenFormat):
     deep = False
     grey = True
     alpha = False
-    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "film"})
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "video"})
 
     def read_header(self, source: Source) -> Header:
         """See Format."""

@@ -89,21 +89,20 @@ class Metadata:
 
     def lost_in(self, holds: frozenset[str]) -> Iterator[str]:
         """Yields the names of metadata that a format cannot hold."""
-        has_iptc = self.resources is not None and chunks.has_iptc(self.resources)
-        named = {
-            "exif": (["EXIF"], self.exif is not None),
-            "icc": (["colour profile"], self.icc is not None),
-            "xmp": (["XMP"], self.xmp is not None),
-            "resources": (["IPTC" if has_iptc else "Photoshop's data"], self.resources is not None),
-            "resolution": (["resolution"], self.resolution.is_known),
-            "description": (["description"], self.description is not None),
-            "chunks": (chunks.lost_in_words(self.chunks, self.icc is not None), bool(self.chunks)),
-            "comments": (["comment"], bool(self.comments)),
-            "film": (["film"], self.video is not None),
+        names = {
+            "exif": "EXIF",
+            "icc": "colour profile",
+            "xmp": "XMP",
+            "resources": "IPTC" if chunks.has_iptc(self.resources or b"") else "Photoshop's data",
+            "description": "description",
+            "comments": "comment",
+            "video": "film",
         }
-        for attribute, (names, is_there) in named.items():
-            if is_there and attribute not in holds:
-                yield from names
+        yield from (name for attribute, name in names.items() if getattr(self, attribute) and attribute not in holds)
+        if self.resolution.is_known and "resolution" not in holds:
+            yield "resolution"
+        if "chunks" not in holds:
+            yield from chunks.lost_in_words(self.chunks, self.icc is not None)
 
 
 @dataclass(frozen=True)
