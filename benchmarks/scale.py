@@ -36,8 +36,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.cli import main as unshutter
-from unshutter.run import commands
-from unshutter.run.work import Job, Outcome
+from unshutter.run import loop
+from unshutter.run.job import Job, Outcome
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 STILL, ROLLING = EXAMPLES / "original" / "basilica.webp", EXAMPLES / "demo.jpg"
@@ -126,7 +126,7 @@ def clips(folder: Path) -> Iterator[Row]:
         yield f"1080p H.264, one core, preset {preset}", figure
 
 
-def no_work(job: Job, seconds: float = 0.0, **_: object) -> Outcome:
+def no_work(job: Job, *_: object, seconds: float = 0.0, **__: object) -> Outcome:
     """Stands for the work on a photo."""
     time.sleep(seconds)
     return Outcome()
@@ -134,7 +134,7 @@ def no_work(job: Job, seconds: float = 0.0, **_: object) -> Outcome:
 
 def batch(given: Path, out: Path, work: Callable[..., Outcome], *options: str) -> float:
     """Seconds of `unshutter rectify` in this process, with other work than its own."""
-    commands.do_job = work
+    loop.do_job = work
     start = time.perf_counter()
     with contextlib.redirect_stderr(io.StringIO()) as said:
         code = unshutter(["rectify", str(given), "-o", str(out), *options])

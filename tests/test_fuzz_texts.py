@@ -16,8 +16,8 @@ from support.fuzzing import check, damaged, thorough
 from unshutter import Motion, RotationMotion, RowMotion
 from unshutter.export import PointTable
 from unshutter.options import Rectify
+from unshutter.run.job import Job
 from unshutter.run.manifest import Manifest
-from unshutter.run.work import Job
 from unshutter.single.register import check_name, method
 from unshutter.storage.targets import Target
 
@@ -62,7 +62,7 @@ def finished(folder: Path) -> tuple[Path, Job, str]:
     make_photos(folder / "photos", ["a.jpg", "b.png"])
     motion = make_motion(folder / "good.json")
     assert rectify(folder / "photos", "-o", folder / "out", "--motion", motion) == 0
-    job = Job(folder / "photos" / "a.jpg", (Target(folder / "out" / "a.rectified.jpg"),), False, 1000)
+    job = Job(folder / "photos" / "a.jpg", (Target(folder / "out" / "a.rectified.jpg"),))
     return folder / "out", job, (folder / "out" / "unshutter-manifest.jsonl").read_text()
 
 

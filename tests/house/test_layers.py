@@ -40,7 +40,7 @@ def test_decoding_begins_before_anything_slow_is_imported() -> None:
 def test_libraries_are_silent() -> None:
     """What a person reads is written by the command line, the page's server, the progress bar and a batch's report."""
     package = Path(unshutter.__file__).parent
-    surfaces = ("cli", "page", "progress.py", "run/report.py", "run/commands.py")
+    surfaces = ("cli", "page", "progress.py", "run/report.py", "run/commands.py", "run/estimates.py")
     loud = []
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()

@@ -17,12 +17,13 @@ from unshutter.motion.finding import Candidate, Finding
 from unshutter.options import MAX_PIXELS, Camera, Find, Rectify, Undo
 from unshutter.photo import Photo
 from unshutter.run import ahead
-from unshutter.run.ahead import Ahead, Wanted, look_ahead
-from unshutter.run.work import Job, finish_job
+from unshutter.run.ahead import Begun, Wanted, look_ahead
+from unshutter.run.job import Job, Work
+from unshutter.run.work import rectify_photo
 from unshutter.single import network, register
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import Manhattan, SegmentManhattan
-from unshutter.storage.targets import Target, TargetKind
+from unshutter.storage.targets import Target
 
 
 @pytest.fixture
@@ -46,26 +47,20 @@ def test_the_command_line_gives_what_python_gives(ending: str, rolling_facade: n
     assert out.read_bytes() == given.read_bytes()
 
 
-def begin(photos: list[Path], find: Find | None, max_pixels: int = MAX_PIXELS) -> Iterator[Ahead]:
-    return look_ahead(photos, Wanted(find, Undo(), max_pixels))
+def begin(photos: list[Path], find: Find | None, max_pixels: int = MAX_PIXELS) -> Iterator[Begun]:
+    return look_ahead([Wanted(photo, find, Undo(), max_pixels) for photo in photos])
 
 
-def found(begun: Ahead) -> Finding:
+def found(begun: Begun) -> Finding:
     return begun.verdict.finding
 
 
-def test_photos_come_in_order_and_a_run_may_leave_some_out(photos: list[Path], tmp_path: Path) -> None:
+def test_photos_come_in_order_and_a_run_may_leave_some_out(photos: list[Path]) -> None:
     begun = begin(photos, None)
     assert [next(begun).photo.width, next(begun).photo.width] == [560, 550]
     next(begun)  # which is none, and not used
     assert next(begun).photo.width == 530
     assert next(begun, None) is None
-    begun = begin(photos, Find("none"))
-    jobs = [
-        Job(photos[k], (Target(tmp_path / f"{k}.jpg", TargetKind.UNCHANGED),), False, MAX_PIXELS) for k in (1, 3, 0)
-    ]
-    for job in jobs:  # the last one again, when all are through
-        assert finish_job(job, Rectify(Find("none")), None, begun).picture == job.targets[0].path
 
 
 def test_two_photos_are_held_at_a_time(photos: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,7 +158,7 @@ def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(photos: list
     for counting.fail_at in range(5, 8):
         with pytest.raises(UnshutterError, match="not this time"):
             counting.asked = counting.fail_at - 1
-            begun.judge_again(begun.photo)
+            begun.wanted.judge(begun.photo, counting)
 
 
 def test_the_network_is_opened_while_the_first_photo_is_looked_at(
@@ -246,5 +241,5 @@ def test_a_motion_that_is_known_is_not_estimated(
     photo = Photo.open(photos[0])
     known = Finding(RowMotion(photo.width, np.linspace(0, 40, photo.height), np.zeros(photo.height)))
     monkeypatch.setattr(ahead, "load", lambda name: pytest.fail("the estimator was loaded"))
-    job = Job(photos[0], (Target(tmp_path / "saved.jpg"),), False, 10**9)
-    assert finish_job(job, Rectify(), known).picture == job.picture
+    job = Job(photos[0], (Target(tmp_path / "saved.jpg"),))
+    assert rectify_photo(job, Work(Rectify(), known)).picture == job.picture

@@ -5,7 +5,8 @@ import os
 import re
 import signal
 import time
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
@@ -13,11 +14,12 @@ import pytest
 
 from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
 from support.covering import thorough
-from unshutter.run.loop import Batch, InThisProcess, Workers
+from unshutter.run.job import Job, Outcome
+from unshutter.run.loop import Record
 from unshutter.run.plan import Plan
 from unshutter.run.report import Report
-from unshutter.run.work import Job, Outcome
-from unshutter.run.workers import processes
+from unshutter.run.workers import Workers, processes
+from unshutter.storage.locations import RunFiles
 from unshutter.storage.targets import Target
 
 MANIFEST = "unshutter-manifest.jsonl"
@@ -31,22 +33,38 @@ def test_processes_make_the_same_pictures(archive: Path, motion: Path, tmp_path:
     assert len(results(tmp_path / "one")) == 4
 
 
+def do(jobs: list[Job], work: Callable[[Job], Outcome], workers: Workers, report: Report) -> None:
+    """As the loop of a run does it."""
+    record = Record(report, RunFiles())
+    for job, outcome in workers.do(jobs, work, record.start):
+        record.end(job, outcome)
+
+
 def crash_on_b(job: Job) -> Outcome:
     if job.source.stem == "b":
         os._exit(9)
-    return Outcome(note=str(os.getpid()))
+    return Outcome(group=str(os.getpid()))
 
 
 def test_a_photo_that_kills_its_worker_costs_nothing_but_itself(tmp_path: Path, capsys) -> None:
-    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdefgh"]
+    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),)) for name in "abcdefgh"]
     with Report(Plan(jobs)) as report, processes(2) as workers:
-        Batch(crash_on_b, workers, None, report).run(jobs)
+        do(jobs, crash_on_b, workers, report)
     assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
     assert "b.jpg: its worker died" in capsys.readouterr().err
     assert isinstance(workers.executor, ProcessPoolExecutor)
 
 
-class BreaksWhenGiven(InThisProcess):
+class Works(Executor):
+    """Does each job when it is given."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class BreaksWhenGiven(Works):
     """As a pool whose worker has died since the last job came back: it says so when it is given the next."""
 
     def submit(self, fn, /, *args, **kwargs):
@@ -56,10 +74,10 @@ class BreaksWhenGiven(InThisProcess):
 
 
 def test_a_worker_that_dies_between_two_jobs_costs_nothing(tmp_path: Path) -> None:
-    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdef"]
+    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),)) for name in "abcdef"]
     with Report(Plan(jobs)) as report:
-        workers = Workers(BreaksWhenGiven(), 2, InThisProcess)
-        Batch(lambda job: Outcome(), workers, None, report).run(jobs)
+        workers = Workers(BreaksWhenGiven(), 2, Works)
+        do(jobs, lambda job: Outcome(), workers, report)
     assert report.counts == {"done": 6, "skipped": 0, "failed": 0}
 
 
@@ -106,15 +124,15 @@ def hang_on_b(job: Job) -> Outcome:
     if job.source.stem == "b":
         re.match(r"(a|a)*c", "a" * 200)
     time.sleep(0.05)
-    return Outcome(note=str(os.getpid()))
+    return Outcome(group=str(os.getpid()))
 
 
 @pytest.mark.parametrize("count", [thorough(1), 2])
 def test_a_photo_that_hangs_is_given_up_and_the_others_are_done(count: int, tmp_path: Path, capsys) -> None:
-    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),), False, 1) for name in "abcdefgh"]
+    jobs = [Job(tmp_path / f"{name}.jpg", (Target(tmp_path / f"{name}.out.jpg"),)) for name in "abcdefgh"]
     start = time.monotonic()
     with Report(Plan(jobs)) as report, processes(count, timeout_s=2) as workers:
-        Batch(hang_on_b, workers, None, report).run(jobs)
+        do(jobs, hang_on_b, workers, report)
     assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
     assert "b.jpg: given up after 2 s (--timeout gives it longer)" in capsys.readouterr().err
     assert time.monotonic() - start < 60

@@ -10,8 +10,8 @@ import pytest
 from support.batches import make_photos, rectify, results
 from unshutter.errors import UnshutterError
 from unshutter.options import Find, Rectify
+from unshutter.run.job import Job, Outcome
 from unshutter.run.manifest import NAME, Manifest
-from unshutter.run.work import Job, Outcome
 from unshutter.storage import files
 from unshutter.storage.files import digest, fingerprint
 from unshutter.storage.targets import Target, Written
@@ -21,7 +21,7 @@ from unshutter.storage.targets import Target, Written
 def job(tmp_path: Path) -> Job:
     (tmp_path / "out").mkdir()
     (tmp_path / "a.jpg").write_bytes(b"photo")
-    return Job(tmp_path / "a.jpg", (Target(tmp_path / "out" / "a.rectified.jpg"),), False, 1)
+    return Job(tmp_path / "a.jpg", (Target(tmp_path / "out" / "a.rectified.jpg"),))
 
 
 def done(manifest: Manifest, job: Job, data: bytes = b"result") -> None:

@@ -11,7 +11,7 @@ from unshutter.cli import main
 from unshutter.motion import Motion
 from unshutter.motion.warp import validity_mask
 from unshutter.photo import Photo
-from unshutter.run.report import Preview
+from unshutter.run.preview import Preview
 
 
 def test_one_photo_before_and_after_in_its_own_pixels(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
@@ -43,7 +43,7 @@ def test_the_order_is_that_of_the_photos(archive: Path, motion: Path, tmp_path: 
     """Whichever worker is faster, and also for those that are left out."""
     photos = [archive / name for name in sorted(results(archive))]
     pair = (np.zeros((8, 8, 3), np.uint8),) * 2
-    monkeypatch.setattr("unshutter.run.report.MOST_PHOTOS", 3)
+    monkeypatch.setattr("unshutter.run.preview.MOST_PHOTOS", 3)
     for order in itertools.permutations(photos):
         preview = Preview(tmp_path / "x.png", False, photos)
         for photo in order:
@@ -138,7 +138,7 @@ def test_kept_names_never_replace_the_originals(archive: Path, motion: Path, cap
 
 
 def test_small_photos_are_many(tmp_path: Path, motion: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr("unshutter.run.report.MOST_PHOTOS", 2)
+    monkeypatch.setattr("unshutter.run.preview.MOST_PHOTOS", 2)
     make_photos(tmp_path / "in", ["a.png", "b.png", "c.png"])
     words = ("-o", tmp_path / "out", "--motion", motion, "--preview", tmp_path / "sheet.png")
     assert rectify(tmp_path / "in", *words) == 0

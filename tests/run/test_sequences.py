@@ -10,8 +10,8 @@ from support.batches import rectify, results
 from support.hand_held import FOCAL, clip, hand, pan
 from unshutter import Motion, Photo
 from unshutter.options import Clock, Neighbours, Rectify
-from unshutter.run.plan import add_motions
-from unshutter.run.work import Job
+from unshutter.run.job import Job
+from unshutter.run.sequences import add_motions
 from unshutter.storage.targets import Target
 from unshutter_lab.evaluation.metrics import motion_error
 
@@ -117,7 +117,7 @@ def test_gaps_in_time_part_a_sequence(moving, tmp_path):
     for k, path in enumerate(sorted(folder.glob("*.png"))):
         tagged(path, f"2026:01:0{1 if k < 3 else 2} 12:00:0{k // 2}", f"{5 * (k % 2)}")
     photos = [Path(path) for path in sorted(folder.glob("*.png"))]
-    jobs = [Job(photo, (Target(tmp_path / photo.name),), False, 10**8) for photo in photos]
+    jobs = [Job(photo, (Target(tmp_path / photo.name),)) for photo in photos]
     neighbours = Neighbours(sequence=True, clock=Clock(0.9))
     complete, _ = add_motions(jobs, photos, Rectify(neighbours=neighbours), 10**8)
     assert [(job.before and job.before.stem, job.after and job.after.stem) for job in complete] == [

@@ -10,6 +10,7 @@ from unshutter.cli.pipes import PIPE, Pipes, only
 from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.options import Estimate, Find, Neighbours, Rectify, Run, Save, Undo, option
 from unshutter.options.fields import positional
+from unshutter.run.commands import Outputs, estimate_files, rectify_files
 from unshutter.storage.objects import path_of
 
 
@@ -69,8 +70,6 @@ def _rectify(arguments: RectifyPhotos) -> int:
 
 
 def _rectify_files(arguments: RectifyPhotos, piped: bool = False) -> int:
-    from unshutter.run.commands import Outputs, rectify_files
-
     options = Rectify(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours).settled()
     try:
         into = Outputs.named(arguments.output, arguments.save_motion, arguments.masks)
@@ -106,8 +105,6 @@ again to continue a run that was stopped.""",
 
 def _estimate(arguments: Estimate) -> int:
     """Estimates the motions; returns the exit code."""
-    from unshutter.run.commands import estimate_files
-
     if str(arguments.output) == PIPE:
         arguments = replace(arguments, output=None, json=True)
     with Pipes(only(arguments.photos), "", "a photo") as pipes:

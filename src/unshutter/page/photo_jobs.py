@@ -35,7 +35,9 @@ from unshutter.reasons import JsonObject, MotionSource, rounded
 from unshutter.rectification.find import find as find_motion
 from unshutter.rectification.sequences import rectify_between, with_ratio
 from unshutter.run.bursts import look_like_bursts
-from unshutter.run.work import Job, finish_job, sequence_options
+from unshutter.run.job import Job, Work
+from unshutter.run.sequences import sequence_options
+from unshutter.run.work import rectify_photo
 from unshutter.single.drawn_lines import DrawnLine, StraightenedLines
 from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
 from unshutter.single.register import load
@@ -72,7 +74,7 @@ def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: Pho
         targets = [Target(target)]
         if unchanged is not None:
             targets.append(Target(unchanged, TargetKind.UNCHANGED))
-        outcome = finish_job(Job(open_file.path, tuple(targets), False, open_file.max_pixels), asked, finding)
+        outcome = rectify_photo(Job(open_file.path, tuple(targets)), Work(asked, finding, open_file.max_pixels))
     report = outcome.verdict.as_json() if outcome.verdict else {}
     report |= {"result": outcome.picture.name} if outcome.picture is not None else {}
     return {**report, "note": outcome.note} if outcome.note else report

@@ -33,8 +33,7 @@ from unshutter.options.picture_formats import of_suffix
 from unshutter.page.jobs import photo_jobs
 from unshutter.page.opened import Kind, OpenFile
 from unshutter.page.settings import Settings
-from unshutter.run.loop import Workers
-from unshutter.run.workers import processes
+from unshutter.run.workers import Workers, processes
 from unshutter.storage.files import lock
 
 R = TypeVar("R")

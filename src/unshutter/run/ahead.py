@@ -1,8 +1,11 @@
-"""Works ahead: while one photo is warped and written, the next one is opened and its motion found."""
+"""Works ahead: while one photo is warped and written, the next one is opened and its motion found.
+
+Results are those of a run that does not work ahead.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,12 +28,12 @@ class PreviewError(UnshutterError):
     """A file is not a photo but a preview that unshutter made."""
 
 
-def open_input(place: Path, max_pixels: int = MAX_PIXELS) -> Photo:
+def open_input(path: Path, max_pixels: int = MAX_PIXELS) -> Photo:
     """Opens a photo, a file or an object behind a URL; errors are those of ``Photo.open``.
 
     Raises PreviewError for previews, which otherwise would be taken for photos by the next run over their folder.
     """
-    photo = open_photo(read_object(place) if is_object(place) else place, max_pixels)
+    photo = open_photo(read_object(path) if is_object(path) else path, max_pixels)
     if photo.software == PREVIEW:
         raise PreviewError("it is a preview that unshutter made, not a photo")
     return photo
@@ -38,22 +41,41 @@ def open_input(place: Path, max_pixels: int = MAX_PIXELS) -> Photo:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is wanted of the photos of a run."""
+    """A photo, and how its motion is to be found."""
 
-    find: Find | None  # how the motion of each is found; None: it is given, or found from other photos
+    path: Path
+    find: Find | None  # None: its motion is given, or found from other photos
     undo: Undo
     max_pixels: int = MAX_PIXELS
-    pixels: bool = True  # whether the pixels of those that change are needed
+    pixels: bool = True  # whether its pixels are needed if it changes
+
+    def open(self) -> Photo:
+        """Opens the photo and starts decoding what is needed first."""
+        photo = open_input(self.path, self.max_pixels)
+        grey_px = None if self.find is None else method(self.find.estimator).grey_px
+        photo.start_decoding(grey_px=grey_px, whole=self.pixels and self.find is None)
+        return photo
+
+    def judge(self, photo: Photo, estimator: Estimator) -> Verdict:
+        """Returns the verdict on the motion found in the photo, and starts decoding its pixels if they are needed."""
+        from unshutter.motion.verdict import judge
+        from unshutter.rectification.find import find
+
+        assert self.find is not None
+        verdict = judge(find(photo, self.find, estimator).choose(self.find.candidate), self.undo)
+        if self.pixels and verdict.changes:
+            photo.start_decoding()
+        return verdict
 
 
 @dataclass(frozen=True)
-class Ahead:
+class Begun:
     """A photo that is being opened, and judged, in another thread."""
 
-    path: Path
+    wanted: Wanted
     opening: Future[Photo]
-    judging: Future[Verdict] | None  # None: its motion is not to be found
-    judge_again: Callable[[Photo], Verdict]
+    judging: Future[Verdict] | None = None  # None: its motion is not to be found
+    estimator: Estimator | None = None
 
     @property
     def photo(self) -> Photo:
@@ -64,71 +86,53 @@ class Ahead:
     def verdict(self) -> Verdict:
         """The verdict on the photo's motion; waits for it."""
         assert self.judging is not None
+        assert self.estimator is not None
         try:
             return self.judging.result()
         except WeightsError:  # loading may have taken a minute: no second attempt
             raise
         except UnshutterError:  # repeat it alone for its message: libvips mixes those of two threads
-            return self.judge_again(self.photo)
+            return self.wanted.judge(self.photo, self.estimator)
 
 
-def look_ahead(places: Sequence[Path], wanted: Wanted) -> Iterator[Ahead]:
+def look_ahead(photos: Sequence[Wanted]) -> Iterator[Begun]:
     """Begins the first photo at once, and yields all in order, each begun while the previous one is processed.
 
-    The first is opened and decoded while the estimator is loaded. Two photos are held at a time. The results are those
-    of a run that does not work ahead. Errors of a photo are raised where it is used.
+    The first is opened and decoded while the estimator, the same for all, is loaded. Two photos are held at a time.
+    Errors of a photo are raised where it is used.
 
     Raises:
         UnshutterError: the estimator is unknown or cannot be loaded.
     """
-    if not places:
+    if not photos:
         return iter(())
     thread = ThreadPoolExecutor(1)
     libvips()  # imported here: two threads importing at once mostly block each other
-    opening = thread.submit(_open, places[0], wanted)
+    opening = thread.submit(photos[0].open)
     import numpy  # noqa: F401 (what the decoder needs next)
 
-    estimator = None if wanted.find is None else load(wanted.find.estimator)
+    find = next((each.find for each in photos if each.find is not None), None)
+    estimator = None if find is None else load(find.estimator)
 
-    def judge(photo: Photo) -> Verdict:
-        return _judge(photo, estimator, wanted)
+    def begin(wanted: Wanted, opening: Future[Photo], whole: bool = False) -> Begun:
+        if estimator is None or wanted.find is None:
+            return Begun(wanted, opening)
 
-    def begin(place: Path, opening: Future[Photo], whole: bool) -> Ahead:
-        def judge_opened() -> Verdict:
+        def judge(estimator: Estimator) -> Verdict:
             if whole:
                 opening.result().start_decoding()
-            return judge(opening.result())
+            return wanted.judge(opening.result(), estimator)
 
-        return Ahead(place, opening, None if estimator is None else thread.submit(judge_opened), judge)
+        return Begun(wanted, opening, thread.submit(judge, estimator), estimator)
 
-    def each(current: Ahead) -> Iterator[Ahead]:
-        for place in places[1:]:
-            following = begin(place, thread.submit(_open, place, wanted), whole=False)
+    def each(current: Begun) -> Iterator[Begun]:
+        for wanted in photos[1:]:
+            following = begin(wanted, thread.submit(wanted.open))
             yield current
             current = following
         yield current
 
-    begun = each(begin(places[0], opening, whole=wanted.pixels))  # all its pixels, too: there is no other work yet
+    begun = each(begin(photos[0], opening, whole=photos[0].pixels))  # all its pixels, too: there is no other work yet
     if estimator is not None:
         estimator.prepare()  # while line segments are being detected
     return begun
-
-
-def _open(place: Path, wanted: Wanted) -> Photo:
-    photo = open_input(place, wanted.max_pixels)
-    grey_px = None if wanted.find is None else method(wanted.find.estimator).grey_px
-    photo.start_decoding(grey_px=grey_px, whole=wanted.pixels and wanted.find is None)
-    return photo
-
-
-def _judge(photo: Photo, estimator: Estimator | None, wanted: Wanted) -> Verdict:
-    """Returns the verdict on the motion found in a photo, and starts decoding its pixels if they are needed."""
-    from unshutter.motion.verdict import judge
-    from unshutter.rectification.find import find
-
-    assert estimator is not None
-    assert wanted.find is not None
-    verdict = judge(find(photo, wanted.find, estimator).choose(wanted.find.candidate), wanted.undo)
-    if wanted.pixels and verdict.changes:
-        photo.start_decoding()
-    return verdict

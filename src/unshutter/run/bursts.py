@@ -100,9 +100,9 @@ class _Taken:
 def bursts_among(
     photos: Collection[Path], to_do: Collection[Path], camera: Camera, max_pixels: int
 ) -> dict[Path, Burst]:
-    """Returns what photos show about others that are to do, which are named by their absolute places."""
+    """Returns what photos show about others that are to do, which are named by their absolute paths."""
     found: dict[Path, Burst] = {}
-    for burst in _bursts([(place, place.parent) for place in photos if not is_object(place)], max_pixels):
+    for burst in _bursts([(path, path.parent) for path in photos if not is_object(path)], max_pixels):
         if any(absolute(each.path) in to_do for each in burst):
             found |= dict(_motions(burst, camera, max_pixels))
     return found
@@ -121,8 +121,7 @@ def look_like_bursts(photos: Sequence[Path], max_pixels: int) -> list[list[Path]
 
 def _connected(photos: Sequence[Path], max_pixels: int) -> Iterator[list[Path]]:
     """Yields photos without a time of which each shows the scene of the one before it, at least two."""
-    from unshutter.frames.sequence import CameraMotion
-    from unshutter.frames.usual_ratio import usual_ratio
+    from unshutter.frames import sequence, usual_ratio
 
     def opened(place: Path) -> Photo | None:
         with suppress(UnshutterError):
@@ -137,7 +136,7 @@ def _connected(photos: Sequence[Path], max_pixels: int) -> Iterator[list[Path]]:
         if len(alike) < 2:
             continue
         with suppress(UnshutterError):  # one of them cannot be decoded
-            motions = list(CameraMotion(usual_ratio(alike)).frames(alike))
+            motions = list(sequence.CameraMotion(usual_ratio.usual_ratio(alike)).frames(alike))
             by_shot = groupby(zip(alike, motions, strict=True), key=lambda pair: pair[1].shot)
             for shot in (list(pairs) for _, pairs in by_shot):
                 if len(shot) > 1 and any(motion.reason is None for _, motion in shot):
@@ -165,29 +164,27 @@ def _is_close(burst: list[_Taken]) -> bool:
 
 def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[tuple[Path, Burst]]:
     """Yields the photos of a burst whose motion their neighbours show, with that motion."""
-    from unshutter.frames.frame_motion import AT_REST  # imported here: NumPy comes after decoding has begun
-    from unshutter.frames.sequence import CameraMotion
-    from unshutter.frames.usual_ratio import cautious
+    from unshutter.frames import frame_motion, sequence, usual_ratio  # NumPy comes after decoding has begun
 
     time = burst[0].readout_time
     if camera.readout_ms is not None:
         time = ReadoutTime.of_ms(camera.readout_ms, ReadoutSource.GIVEN)
     elif time.source in (ReadoutSource.PHONE, ReadoutSource.DRONE):
-        time = cautious(time)
+        time = usual_ratio.cautious(time)
     else:
         return
     gaps = [after.at_s - before.at_s for before, after in pairwise(burst)]
     interval_s = median(gaps)
     if max(abs(gap - interval_s) for gap in gaps) < _CLOCK_S:
         gaps = [interval_s] * len(gaps)
-    finder = CameraMotion(time.ratio(interval_s), camera.focal_px, camera.scan_direction)
+    finder = sequence.CameraMotion(time.ratio(interval_s), camera.focal_px, camera.scan_direction)
     steps = [1.0, *(gap / interval_s for gap in gaps)]
     try:
         motions = list(finder.motions(_grey_frames(finder, burst, steps, max_pixels)))
     except UnshutterError:  # one of them cannot be decoded, which is reported when its turn comes
         return
     for taken, motion in zip(burst, motions, strict=True):
-        if motion.reason is None or motion.reason.code in AT_REST:
+        if motion.reason is None or motion.reason.code in frame_motion.AT_REST:
             place = absolute(taken.path)
             yield place, Burst(motion, len(burst) - 1, round(interval_s, 4), time)
 

@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.options import Estimate, Find, Rectify, Run, Undo
 from unshutter.progress import tell
-from unshutter.run.ahead import Ahead, Wanted, look_ahead, open_input
+from unshutter.run.ahead import Begun, Wanted, look_ahead, open_input
+from unshutter.run.bursts import bursts_among
 from unshutter.run.folder import Folder
 from unshutter.run.inputs import find_photos
-from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
+from unshutter.run.job import Job, Work
 from unshutter.run.manifest import Manifest
-from unshutter.run.plan import Goal, Outputs, Plan, add_bursts, add_motions, make_plan, motion_targets
-from unshutter.run.report import Report, Tell, about, each_photo
-from unshutter.run.work import Job, do_job
+from unshutter.run.plan import Goal, Outputs, Plan, make_plan, motion_targets
+from unshutter.run.report import Report, Tell, each_photo
 from unshutter.single import register
 from unshutter.storage.files import check_motion_name, check_target, write_file
-from unshutter.storage.locations import RunFiles
+from unshutter.storage.locations import RunFiles, absolute
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from unshutter.motion.verdict import Verdict
+    from unshutter.run.workers import Workers
 
 
 def rectify_files(
@@ -54,10 +50,10 @@ def rectify_files(
     with closing(manifest) if manifest is not None else nullcontext():
         if manifest is not None:
             plan.sort(manifest)
-        return _carried_out(plan, manifest) if not run.dry_run else _dry_run(plan, manifest)
+        return _carry_out(plan, manifest) if not run.dry_run else _dry_run(plan, manifest)
 
 
-def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
+def _carry_out(plan: Plan, manifest: Manifest | None) -> int:
     """Does the jobs of a plan and reports them; returns the exit code."""
     request = plan.request
     run = plan.run
@@ -67,22 +63,26 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         for job in plan.finished:
             folder.add(job, manifest.judged(job))
     if request.neighbours.sequence and plan.to_do:
+        from unshutter.run.sequences import add_motions
+
         plan.to_do, ratio = add_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
     elif plan.judged_together and request.find.estimator == Find().estimator:
-        plan.to_do = add_bursts(plan)
-    ahead: Iterable[Ahead] = ()
-    if run.jobs is run.scheduler is run.timeout is None:
-        sources = [job.source for job in plan.to_do if job.burst is None]
-        ahead = look_ahead(sources, Wanted(request.find_alone, request.undo, run.max_pixels))
+        to_do = {job: absolute(job.source) for job in plan.to_do}
+        bursts = bursts_among(plan.inputs.photos, {*to_do.values()}, request.find.camera, run.max_pixels)
+        plan.to_do = [replace(job, burst=bursts.get(path)) for job, path in to_do.items()]
+    recorded = manifest is not None or folder is not None
+    work = Work(request, plan.given, run.max_pixels, run.overwrite, recorded, plan.preview_px)
+    here = run.scheduler is run.jobs is run.timeout is None
+    begun = work.begin(plan.to_do) if here else iter(())
+    from unshutter.run.loop import Record, rectify_all  # imported here: the first photo is being opened meanwhile
+
     with Report(plan) as report:
         report.begin("" if ratio is None else f"unshutter: readout ratio {ratio}")
         # what a killed run left beside a finished result goes, too
         plan.files.prepare(target for job in (*plan.to_do, *plan.finished) for target in job.outputs)
-        with _workers_for(run, len(plan.to_do)) as workers:
-            work = partial(do_job, request=request, given=plan.given, ahead=ahead)
-            batch = Batch(work, workers, manifest, report, plan.files, folder)
-            batch.run(plan.to_do)
-        batch.remove_leftovers()
+        record = Record(report, plan.files, run.overwrite, manifest, folder)
+        with nullcontext() if here else _workers_for(run, len(plan.to_do)) as workers:
+            rectify_all(plan.to_do, work, record, begun, workers)
         report.save_preview()
         if folder is not None:
             report.tell_of_folder(folder)
@@ -90,9 +90,7 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
 
 
 def _workers_for(run: Run, photos: int) -> AbstractContextManager[Workers]:
-    """Returns the workers that the options of a run call for: a cluster, at most a process a photo, or this process."""
-    if run.scheduler is run.jobs is run.timeout is None:
-        return nullcontext(Workers(InThisProcess(), 1, InThisProcess))
+    """Returns the workers that the options of a run call for: a cluster, or at most a process a photo."""
     from unshutter.run.workers import cluster, processes  # imported here: for one photo, this would take 7 ms
 
     if run.scheduler is not None:
@@ -110,13 +108,13 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
     at_once = 0
     for job in plan.to_do:
         try:
-            check_outputs(job, plan.files, new_folders=True)
+            job.check_outputs(plan.files, plan.run.overwrite, new_folders=True)
         except UnshutterError as error:
             if manifest is None or not manifest.has_begun(job):  # by another run, since this one looked
                 refused.append(f"{job.source}: {error}")
                 continue
         count += 1
-        fixed = _exposes_at_once(job, plan.request)
+        fixed = _exposes_at_once(job, plan.request, plan.run.max_pixels)
         at_once += fixed
         print(visible(f"{job.source} -> {job.picture}{' (no motion: its camera exposes all rows at once)' * fixed}"))
     for reason in refused:
@@ -133,14 +131,14 @@ def _dry_run(plan: Plan, manifest: Manifest | None) -> int:
     return 1 if refused else 0
 
 
-def _exposes_at_once(job: Job, request: Rectify) -> bool:
+def _exposes_at_once(job: Job, request: Rectify, max_pixels: int) -> bool:
     """Whether a photo's metadata tell that its camera exposes all rows at once, so that no motion of it is found."""
     from unshutter.single.estimator import View  # imported here: it needs NumPy
 
     if request.motion is not None or request.neighbours or request.neighbours.sequence:
         return False
     with suppress(UnshutterError):
-        return View(open_input(job.source, job.max_pixels), request.find.camera).readout_s().longest_s == 0
+        return View(open_input(job.source, max_pixels), request.find.camera).readout_s().longest_s == 0
     return False
 
 
@@ -165,84 +163,22 @@ def estimate_files(request: Estimate) -> int:
     files.prepare([*targets.values(), *filter(None, [request.plot])])
     find = None if request.lines else request.find
     undo = Undo(request.reference)
-    ahead = look_ahead(list(inputs.photos), Wanted(find, undo, request.max_pixels, pixels=False))
+    ahead = look_ahead([Wanted(photo, find, undo, request.max_pixels, pixels=False) for photo in inputs.photos])
 
-    def one(photo: Path, tell: Tell) -> None:
+    from unshutter.run.estimates import (  # imported here: the first photo is being opened
+        describe_motion,
+        list_candidates,
+    )
+
+    def one(begun: Begun, tell: Tell) -> None:
+        photo = begun.wanted.path
         target = targets.get(photo)
         for file in filter(None, (target, request.plot)):
             files.check(file)
             check_target(file, overwrite)
-        begun = next(each for each in ahead if each.path == photo)
-        answer = _list_candidates(begun, request) if request.candidates else _describe_motion(begun, request, tell)
+        answer = list_candidates(begun, request) if request.candidates else describe_motion(begun, request, tell)
         if target is not None:
             write_file(f"{answer.json}\n".encode(), target, overwrite, mode_of=photo)
         answer.report(target, request.json, tell)
 
-    return each_photo(inputs, one)
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """What is found about a photo: lines for people, and JSON for programs."""
-
-    photo: Path
-    lines: list[str]
-    json: str
-
-    def report(self, target: Path | None, as_json: bool, tell: Tell) -> None:
-        """Prints the answer: JSON, or else lines, which go to standard error if there is JSON, also in a file."""
-        for number, line in enumerate(self.lines):
-            if target is None and not as_json:
-                print(visible(f"{self.photo}: {line}"))
-            else:
-                tell(f"{self.photo}: {line}" if target is None or number else f"{self.photo} -> {target}: {line}")
-        if target is None and as_json:
-            print(self.json)
-
-
-def _describe_motion(begun: Ahead, request: Estimate, tell: Tell) -> _Answer:
-    """Returns a photo's motion as a line for people and as JSON, and draws the plot asked for."""
-    from unshutter.motion.verdict import Speed, json_with_speed
-
-    source = begun.path
-    readout_ms = request.find.camera.readout_ms
-    verdict = begun.verdict if request.lines is None else _judge_lines(begun, request.lines, request, tell)
-    found = verdict.finding
-    if found.reason:
-        line = f"no motion ({found.reason})"
-    elif not verdict.changes:
-        line = f"rectify leaves it unchanged ({about(verdict)})"
-    else:
-        chosen = found.candidates[(request.find.candidate or 1) - 1 :][:1]
-        line = ", ".join([*(each.name for each in chosen), about(verdict)])
-    if request.plot:
-        from unshutter.export import plot_motion
-
-        plot_motion(found, request.plot, title=source.name, readout_ms=readout_ms)
-    if readout_ms is None:
-        return _Answer(source, [line], found.to_json())
-    line = f"{line}; {Speed.of(found.motion, readout_ms).described()}"
-    return _Answer(source, [line], json_with_speed(found, readout_ms))
-
-
-def _judge_lines(begun: Ahead, file: Path, request: Estimate, tell: Tell) -> Verdict:
-    """Returns the verdict on the motion that straightens lines drawn in a photo, and reports lines that stay askew."""
-    from unshutter.api import motion_of_lines
-    from unshutter.motion.verdict import judge
-    from unshutter.single.drawn_lines import read_lines
-
-    lines = read_lines(file)
-    straightened = motion_of_lines(begun.photo, lines, request.find.camera)
-    for number, (line, trouble) in enumerate(zip(lines, straightened.troubles, strict=True), 1):
-        if trouble:
-            tell(f"{begun.path}: line {number} ({line.kind}) stays askew: {trouble.sentence}")
-    return judge(straightened.finding, Undo(request.reference))
-
-
-def _list_candidates(begun: Ahead, request: Estimate) -> _Answer:
-    """Returns the candidates of a photo, each in a line, and all as JSON."""
-    from unshutter.motion.finding import candidates_to_json
-
-    listed = [candidate.rereferenced(request.reference) for candidate in begun.verdict.finding.candidates]
-    lines = [f"{number}  {each.described()}: --candidate {number}" for number, each in enumerate(listed, 1)]
-    return _Answer(begun.path, lines, candidates_to_json(listed))
+    return each_photo(inputs, ahead, one)

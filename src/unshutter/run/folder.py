@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from unshutter.reasons import JsonObject
-from unshutter.run.work import Job, Outcome
+from unshutter.run.job import Job, Outcome
 
 PRIOR = 10.0  # photos that moved, and as many that did not, are added to those of the folder
 MOST = math.log(4)  # log odds; the same as for a camera that is known to have moved (single/prospects.py)

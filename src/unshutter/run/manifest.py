@@ -22,7 +22,7 @@ from unshutter.errors import UnshutterError
 from unshutter.options import Rectify
 from unshutter.reasons import JsonObject
 from unshutter.run.folder import Judged
-from unshutter.run.work import Job, Outcome
+from unshutter.run.job import Job, Outcome
 from unshutter.single.register import weights_file
 from unshutter.storage.files import digest, fingerprint
 from unshutter.storage.journals import journal_in
@@ -152,8 +152,9 @@ class Manifest:
                 self._entries[target] = {"state": "", **self._entries.get(target, {}), **record}
 
     def begin(self, job: Job) -> None:
-        """Records that work on a result begins."""
+        """Records that work on a result begins, before it does."""
         self._journal.add(json.dumps(self._record(job, "begun")))
+        self._journal.flush()
 
     def end(self, job: Job, outcome: Outcome) -> None:
         """Records that a job has ended, successfully or not."""
@@ -188,10 +189,6 @@ class Manifest:
     def _key(self, target: Path) -> str:
         inside = None if self._whole_paths else way(self._folder, target)
         return str(inside or full_name(target))
-
-    def flush(self) -> None:
-        """Writes pending records; call it between :meth:`begin` and the work."""
-        self._journal.flush()
 
     def close(self) -> None:
         """Writes pending records and lets other runs use the manifest."""

@@ -7,25 +7,21 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import timedelta
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.errors import UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.options.picture_formats import OTHER_PICTURES, SUFFIXES, of_suffix
 from unshutter.photo.formats import of_target
-from unshutter.readout_time import ReadoutRatio
-from unshutter.run.ahead import PreviewError, open_input
-from unshutter.run.bursts import bursts_among
 from unshutter.run.inputs import Inputs, motion_name, picture_name, unchanged_name
+from unshutter.run.job import Job
 from unshutter.run.manifest import NAME, Manifest
-from unshutter.run.work import SHEET_PX, Job
 from unshutter.single.register import check_name, weights_file
 from unshutter.storage.files import check_motion_name, check_target, remove_leftovers
 from unshutter.storage.locations import RunFiles, absolute
@@ -33,12 +29,10 @@ from unshutter.storage.objects import is_object, path_of
 from unshutter.storage.targets import Target, TargetKind
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
-    from unshutter.frames.sequence import CameraMotion, GreyFrame
     from unshutter.motion.finding import Finding
 
 
+_SHEET_PX = 320  # long side of each picture of a sheet
 # Names with these extensions are meant as files, even if a folder is needed.
 _FILE_SUFFIXES = {*SUFFIXES, *OTHER_PICTURES, *VIDEO_FORMATS, ".json", ".zip"}
 
@@ -121,6 +115,13 @@ class Plan:
         alone = neighbours.each_alone or neighbours or neighbours.sequence or self.given is not None
         decided = camera.moving or request.find.candidate is not None or request.undo.min_confidence is not None
         return self.inputs.many and not alone and not decided
+
+    @property
+    def preview_px(self) -> int | None:
+        """Long side [px] of the before and after pictures, 0 for full size; None: no preview is asked for."""
+        if self.run.preview is None:
+            return None
+        return 0 if len(self.inputs.photos) == 1 else _SHEET_PX
 
     def sort(self, manifest: Manifest) -> None:
         """Sorts the jobs to do by the state of their results in the manifest."""
@@ -233,20 +234,10 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
         }
         return tuple(Target(where(place), kind) for kind, place in places.items() if place is not None)
 
-    preview_px = 0 if len(pictures) == 1 else SHEET_PX
     for file in (file for pair in pictures.items() for file in pair if request.save.keep_times):
         if is_object(file):  # only the store sets times of objects
             raise UsageError(f"{{--keep-times}} is for files, and {file} is behind a URL: leave it out")
-    jobs = [
-        Job(
-            source=where(photo),
-            targets=list_targets(photo, picture),
-            overwrite=run.overwrite,
-            max_pixels=run.max_pixels,
-            preview_px=preview_px if run.preview is not None else None,
-        )
-        for photo, picture in pictures.items()
-    ]
+    jobs = [Job(where(photo), list_targets(photo, picture)) for photo, picture in pictures.items()]
     _check_apart((job.source, target) for job in jobs for target in job.outputs)  # results and unchanged copies
     return jobs
 
@@ -319,91 +310,3 @@ def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Path | None:
     home = Goal(run.manifest)
     home.must_be_folder("the manifest needs")
     return home.path
-
-
-_LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
-_MANY = 2.5  # a gap is longer than this many usual intervals
-_RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
-
-
-def add_motions(
-    jobs: list[Job], photos: list[Path], request: Rectify, max_pixels: int
-) -> tuple[list[Job], ReadoutRatio | None]:
-    """Returns the jobs that remain, each with the motion of its photo, and the readout ratio found from the frames.
-
-    All photos in order, including finished ones, are neighbours. Each folder is a separate sequence, split by
-    unreadable photos; the jobs of those photos report why they cannot be read. There is no ratio if the user has stated
-    it, or nothing moves; two or three frames cannot show it, so a usual one is taken.
-    """
-    from unshutter.frames.sequence import CameraMotion
-    from unshutter.frames.usual_ratio import FEW, usual_ratio
-
-    stated = request.stated_ratio
-    camera = request.find.camera
-    ratio = stated
-    while True:
-        finder = CameraMotion(ratio, camera.focal_px, camera.scan_direction)
-        readable: list[Path] = []
-        pairs: list[tuple[Path, Path]] = []  # consecutive photos
-        frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
-        unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
-        if unknown is None or finder.ratio is not None or request.neighbours.fallback:
-            break
-        if len(readable) > FEW:
-            raise UnknownRatioError(str(unknown), unknown)
-        ratio = usual_ratio([open_input(place, max_pixels) for place in readable])
-    motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
-    after = {absolute(first): absolute(second) for first, second in pairs}
-    before = {second: first for first, second in after.items()}
-    places = [(job, absolute(job.source)) for job in jobs]
-    complete = [replace(job, motion=motions.get(at), before=before.get(at), after=after.get(at)) for job, at in places]
-    return complete, None if stated is not None else finder.ratio
-
-
-def add_bursts(plan: Plan) -> list[Job]:
-    """Returns the jobs to do, those of photos taken just before or after others with what these show about them."""
-    places = [absolute(job.source) for job in plan.to_do]
-    found = bursts_among(plan.inputs.photos, {*places}, plan.request.find.camera, plan.run.max_pixels)
-    return [replace(job, burst=found.get(place)) for job, place in zip(plan.to_do, places, strict=True)]
-
-
-def _grey_frames(
-    finder: CameraMotion, photos: list[Path], readable: list[Path], pairs: list[tuple[Path, Path]], max_pixels: int
-) -> Iterator[GreyFrame | None]:
-    """Yields grey copies of the photos; None where the sequence is interrupted.
-
-    It is interrupted between folders, at unreadable photos, and at gaps in time. Readable photos are appended to
-    ``readable``, and pairs of consecutive photos to ``pairs``.
-    """
-    last: tuple[Path, datetime | None] | None = None
-    interval: timedelta | None = None
-    for where in photos:
-        try:
-            photo = open_input(where, max_pixels)
-            frame = finder.add_frame(photo)
-        except PreviewError:  # not a frame: its neighbours are each other's
-            continue
-        except UnshutterError:
-            last = None
-            yield None
-            continue
-        time = photo.taken()
-        if last is not None:
-            since = time - last[1] if time is not None and last[1] is not None else None
-            if last[0].parent != where.parent or _is_gap(since, interval):
-                interval = None
-                yield None
-            else:
-                interval = max(interval or since, since) if since is not None else interval
-                pairs.append((last[0], where))
-        last = where, time
-        readable.append(where)
-        yield frame
-
-
-def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
-    """Whether the time since the last photo (None: unknown) is too long for a sequence with this longest interval."""
-    if since is None:
-        return False
-    longest = _LONGEST_INTERVAL if interval is None else max(_MANY * interval, _RESOLUTION)
-    return not -_RESOLUTION <= since <= longest

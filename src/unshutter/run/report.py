@@ -6,31 +6,24 @@ import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.options import LEAST_GOOD_CROP
-from unshutter.photo import Photo
-from unshutter.photo.libvips import as_image, libvips
-from unshutter.photo.photo import PREVIEW
 from unshutter.progress import Progress, rate, tell
 from unshutter.reasons import Cause, Code, percent, pixels
-from unshutter.run.ahead import PreviewError, open_input
+from unshutter.run.ahead import Begun, PreviewError
 from unshutter.run.inputs import MADE_BY_US, Inputs
-from unshutter.run.work import Job, Outcome
-from unshutter.storage.files import JsonLog, fingerprint
-from unshutter.storage.locations import absolute
+from unshutter.run.job import Job, Outcome
+from unshutter.storage.files import JsonLog
 
 if TYPE_CHECKING:
-    import numpy as np
-    import pyvips
-
     from unshutter.motion.verdict import Verdict
     from unshutter.run.folder import Folder
     from unshutter.run.plan import Plan
+    from unshutter.run.preview import Preview
 
 
 Tell = Callable[[str], None]  # prints a line for the user
@@ -49,7 +42,11 @@ class Report:
         self._plan = plan
         self._inputs = plan.inputs
         run = plan.run
-        self._preview = Preview(run.preview, run.overwrite, plan.inputs.photos) if run.preview is not None else None
+        self._preview: Preview | None = None
+        if run.preview is not None:
+            from unshutter.run.preview import Preview
+
+            self._preview = Preview(run.preview, run.overwrite, plan.inputs.photos)
         self.total = sum(map(len, (plan.to_do, plan.finished, plan.refused, self._inputs.unreadable)))
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
         self._causes: dict[Path, Cause | None] = {}  # of each photo done: why it is unchanged; None: it is changed
@@ -82,7 +79,7 @@ class Report:
         for job in self._plan.finished:  # when the batch began, or by another run
             self._count("skipped", job.source, target=str(job.picture))
             if self._preview is not None:
-                self._preview.add_finished(job)
+                self._preview.add_finished(job, self._plan.run.max_pixels, self._plan.preview_px or 0)
         for job, reason in self._plan.refused:
             self.failed(job.source, reason)
 
@@ -242,17 +239,17 @@ def _spoken(seconds: float) -> str:
     return f"{hours} h {rest // 60} min" if hours else f"{rest // 60} min {rest % 60} s" if rest >= 60 else f"{rest} s"
 
 
-def each_photo(inputs: Inputs, one: Callable[[Path, Tell], None]) -> int:
+def each_photo(inputs: Inputs, begun: Iterable[Begun], one: Callable[[Begun, Tell], None]) -> int:
     """Calls ``one`` for each photo, continuing past failures; returns the exit code."""
     files = list(inputs.photos)
     failed = len(inputs.unreadable)
     with Progress(len(files)) as bar:
         for folder, reason in inputs.unreadable:
             bar.tell(f"unshutter: cannot read folder {folder}: {reason}")
-        for photo in files:
+        for photo, each in zip(files, begun, strict=True):
             try:
                 with errors_in_one_line(photo):
-                    one(photo, bar.tell)
+                    one(each, bar.tell)
             except UnshutterError as error:
                 if len(files) == 1:
                     raise
@@ -295,98 +292,3 @@ def _advice(verdict: Verdict) -> str:
     if verdict.reason.code is Code.WHICH_WAY:
         return "--moving left, right, up or down says which"
     return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""
-
-
-# ---- preview ----------------------------------------------------------------------------------------------------
-
-MOST_PHOTOS = 500  # per sheet
-_ACROSS = 3  # photos per row
-_GAP = 8  # px; larger for a large single photo
-_WHITE = [255.0]
-_BLACK = (0, 0, 0)
-
-
-class Preview:
-    """Collects before and after pictures, and writes them as one."""
-
-    def __init__(self, path: Path, overwrite: bool, photos: Iterable[Path]):
-        self._path = path
-        self._overwrite = overwrite
-        self._order = {absolute(photo): number for number, photo in enumerate(photos)}
-        self._pairs: dict[Path, tuple[str, tuple[np.ndarray, np.ndarray]]] = {}
-        self._left_out = 0
-
-    def add(self, job: Job, outcome: Outcome) -> None:
-        """Adds a processed photo."""
-        if outcome.preview is None:
-            return
-        verdict = outcome.verdict
-        summary = ""
-        if verdict is not None:
-            summary = verdict.described() if verdict.changes else f"left unchanged ({verdict.sentence})"
-        self._add(job.source, f"{job.source.name}: {summary}", outcome.preview)
-
-    def add_finished(self, job: Job) -> None:
-        """Adds a photo whose result exists from an earlier run, unless one of the two can no longer be read."""
-        if job.preview_px is None:
-            return
-        with suppress(UnshutterError):
-            before = after = open_input(job.source, job.max_pixels).upright(job.preview_px)
-            if fingerprint(job.picture) is not None:  # an unchanged photo may have no result
-                after = open_input(job.picture, job.max_pixels).upright(job.preview_px)
-            self._add(job.source, f"{job.source.name}: finished already", (before, after))
-
-    def _add(self, photo: Path, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
-        self._pairs[photo] = caption, pair
-        if len(self._pairs) > MOST_PHOTOS:
-            del self._pairs[max(self._pairs, key=self._turn)]
-            self._left_out += 1
-
-    def _turn(self, photo: Path) -> int:
-        """The photo's place in the run, whichever worker was faster."""
-        return self._order[absolute(photo)]
-
-    def save(self) -> str:
-        """Writes the picture; returns a line about it."""
-        if not self._pairs:
-            return f"no photo was processed: {self._path} was not written"
-        sheet = _sheet([self._pairs[photo] for photo in sorted(self._pairs, key=self._turn)])
-        Photo.from_array(sheet.numpy(), software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
-        more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""
-        return f"before and after: {self._path}{more}"
-
-
-def _sheet(pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]]) -> pyvips.Image:
-    """Arranges all pairs, captioned, in rows."""
-    tiles = [_tile(caption, *pair) for caption, pair in pairs]
-    width = max(tile.width for tile in tiles) + 2 * _GAP
-    sheet, *more = (
-        libvips().Image.arrayjoin(tiles[first : first + _ACROSS], hspacing=width, background=_WHITE)
-        for first in range(0, len(tiles), _ACROSS)
-    )
-    for row in more:
-        sheet = sheet.join(row, "vertical", expand=True, shim=_GAP, background=_WHITE)
-    return sheet.embed(_GAP, 0, sheet.width, sheet.height + _GAP, background=_WHITE, extend="background")
-
-
-def _tile(caption: str, before: np.ndarray, after: np.ndarray) -> pyvips.Image:
-    """Places both pictures side by side, vertically centred, under their caption."""
-    how = {"expand": True, "background": _WHITE}
-    gap = max(_GAP, before.shape[1] // 100)
-    pair = as_image(before).join(as_image(after), "horizontal", shim=gap, align="centre", **how)
-    return as_image(_title(caption, pair.width)).join(pair, "vertical", **how)
-
-
-def _title(caption: str, width: int) -> np.ndarray:
-    """Draws a line of text, [H, width, 3]; OpenCV's font is ASCII only."""
-    import cv2
-    import numpy as np
-
-    text = caption.encode("ascii", "replace").decode()
-    font = cv2.FONT_HERSHEY_SIMPLEX
-    scale = max(0.4, width / 2500)
-    thick = max(1, round(1.5 * scale))
-    (wide, high), _ = cv2.getTextSize(text, font, scale, thick)
-    scale *= min(1.0, (width - _GAP) / max(wide, 1))
-    title = np.full((2 * high + _GAP, width, 3), 255, np.uint8)
-    return np.asarray(cv2.putText(title, text, (2, high + high // 2), font, scale, _BLACK, thick, cv2.LINE_AA))

@@ -1,4 +1,4 @@
-"""Workers elsewhere: processes on this machine, which exit when a job takes too long, and a Dask cluster."""
+"""Workers that do the work elsewhere: processes on this machine, which exit when a job takes too long, or a cluster."""
 
 from __future__ import annotations
 
@@ -8,16 +8,28 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, InvalidStateError, ProcessPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    InvalidStateError,
+    ProcessPoolExecutor,
+)
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import wait
+from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from unshutter import version
 from unshutter.errors import UnshutterError
-from unshutter.run.loop import Workers
-from unshutter.storage.files import remove_own_parts
+from unshutter.run.job import Job, Outcome
+from unshutter.storage.files import remove_leftovers, remove_own_parts
 
 if TYPE_CHECKING:
     from ctypes import Array, c_double
@@ -26,6 +38,142 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 LONGEST_JOB_S = 1800.0  # unless the user chooses another limit: the largest photo takes minutes on a slow processor
+
+
+@dataclass
+class Workers:
+    """An executor of jobs, and what to do when workers die: a job that kills its worker costs nothing but itself."""
+
+    executor: Executor  # runs the jobs
+    at_once: int  # number of jobs to submit before the first has ended, enough to keep all workers busy
+    renew: Callable[[], Executor]  # creates a new executor after a worker's death broke the old one
+    may_repeat: bool = False  # whether a job may run twice because a worker died unnoticed
+    timeout_s: float | None = None  # longest duration of a job; None: no limit
+    # whether a job whose worker died had used up its time
+    is_overdue: Callable[[Future], bool] = lambda _: False
+    _work: Callable[[Job], Outcome] = field(init=False)  # pickled along with the jobs
+    _stopping: bool = field(default=False, init=False)
+    _running: dict[Future[Outcome], Job] = field(default_factory=dict, init=False)
+    _left_in: set[Path] = field(default_factory=set, init=False)  # folders in which workers were writing when they died
+    # futures that ended, some twice; futures.wait would leave them locked if a signal came while it takes their locks
+    _ended: SimpleQueue[Future[Outcome]] = field(default_factory=SimpleQueue, init=False)
+
+    def do(
+        self, jobs: Iterable[Job], work: Callable[[Job], Outcome], may_start: Callable[[Job], bool]
+    ) -> Iterator[tuple[Job, Outcome]]:
+        """Does the jobs that may start, and yields what came of each as it ends."""
+        self._work = work
+        waiting = deque(jobs)
+        while waiting or self._running:
+            while waiting and len(self._running) < self.at_once:
+                job = waiting.popleft()
+                if may_start(job):
+                    self._start(replace(job, may_repeat=True) if self.may_repeat else job)
+            yield from self._collect()
+
+    def stop(self, tell: Callable[[str], None]) -> Iterator[tuple[Job, Outcome]]:
+        """Drops jobs that have not started, and yields what came of the others."""
+        self._stopping = True
+        for future in list(self._running):
+            if future.cancel():
+                del self._running[future]
+            else:  # the signal may have come before its end was noted
+                future.add_done_callback(self._ended.put)
+        if self._running:
+            with suppress(OSError):  # the terminal is closed
+                tell("unshutter: finishing the photos in progress (press Ctrl-C again to abandon them)")
+        while self._running:
+            yield from self._collect()
+
+    def remove_leftovers(self) -> None:
+        """Removes what workers that died left: to be called again when all have ended, as they hold files till then."""
+        for folder in self._left_in:
+            remove_leftovers(folder)
+
+    def _start(self, job: Job) -> None:
+        future = self._submit(job)
+        self._running[future] = job
+        future.add_done_callback(self._ended.put)
+
+    def _submit(self, job: Job) -> Future[Outcome]:
+        """Submits the job; returns a failed future if a worker has just died unnoticed."""
+        try:
+            return self.executor.submit(self._work, job)
+        except BrokenExecutor as error:
+            broken: Future[Outcome] = Future()
+            broken.set_exception(error)
+            return broken
+
+    def _collect(self) -> Iterator[tuple[Job, Outcome]]:
+        """Waits for a running job to end, if there is one, and yields all that have."""
+        crashed: dict[Future[Outcome], Job] = {}
+        ended = [self._ended.get()] if self._running else []
+        while not self._ended.empty():
+            ended.append(self._ended.get())
+        for future in ended:
+            job = self._running.pop(future, None)
+            if job is None:  # it was given up, or is here for the second time
+                continue
+            error = _error_of(future)
+            if isinstance(error, BrokenExecutor):
+                crashed[future] = job
+            elif isinstance(error, CancelledError):
+                raise UnshutterError("the workers cannot be reached any more: run the same command again to continue")
+            elif error is not None:
+                yield job, _fail(job, f"{type(error).__name__}: {' '.join(str(error).split())}")
+            else:
+                yield job, future.result()
+        if crashed and self._stopping:  # the signal that stopped this process may also have ended its workers
+            self._running = {}
+        elif crashed:
+            crashed |= self._running  # all jobs of a broken executor
+            self._running = {}
+            yield from self._go_on_after(crashed)
+
+    def _go_on_after(self, crashed: dict[Future[Outcome], Job]) -> Iterator[tuple[Job, Outcome]]:
+        """Finds out which of the jobs killed its worker, and restarts the others."""
+        overdue = {future for future in crashed if self.is_overdue(future)}
+        self.executor = self.renew()
+        self._left_in |= {job.picture.parent for job in crashed.values()}
+        self.remove_leftovers()
+        for future, job in crashed.items():
+            if not overdue:
+                yield job, self._do_alone(replace(job, may_repeat=True))
+            elif future in overdue:
+                yield job, self._time_out(job)
+            else:
+                self._start(replace(job, may_repeat=True))
+
+    def _do_alone(self, job: Job) -> Outcome:
+        """Does a job while no other runs, which shows whether it kills its worker."""
+        future = self._submit(job)
+        try:
+            return future.result()
+        except BrokenExecutor:
+            is_overdue = self.is_overdue(future)
+            self.executor = self.renew()
+        died = "its worker died: not enough memory, or a fault in a decoder"
+        return self._time_out(job) if is_overdue else _fail(job, died)
+
+    def _time_out(self, job: Job) -> Outcome:
+        limit_s = self.timeout_s or 0.0
+        return replace(_fail(job, f"given up after {limit_s:g} s ({{--timeout}} gives it longer)"), seconds=limit_s)
+
+
+def _fail(job: Job, message: str) -> Outcome:
+    """Returns the outcome of a job that no worker could end."""
+    return Outcome(UnshutterError(f"{{photo}}: {message}", photo=job.source))
+
+
+def _error_of(future: Future[Outcome]) -> BaseException | None:
+    """Returns the exception of a completed future; a scheduler that shuts down cancels all its jobs."""
+    try:
+        return future.exception()
+    except CancelledError as cancelled:
+        return cancelled
+
+
+# ---- processes --------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -45,11 +193,13 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
 
     _keep_tracker_from_hanging_up()
     pools: list[TimedPool] = []
+    workers = Workers(pool(), 2 * count, pool, timeout_s=limit_s, is_overdue=is_overdue)
     try:
-        yield Workers(pool(), 2 * count, pool, timeout_s=limit_s, is_overdue=is_overdue)
+        yield workers
     finally:
         for each in pools:
             each.shutdown(wait=True, cancel_futures=True)
+        workers.remove_leftovers()
 
 
 def _keep_tracker_from_hanging_up() -> None:
@@ -58,8 +208,6 @@ def _keep_tracker_from_hanging_up() -> None:
     Python does so for SIGINT and SIGTERM only. A tracker ended by SIGHUP would be replaced by one that complains of
     unknown resources.
     """
-    from multiprocessing import resource_tracker
-
     if hasattr(signal, "SIGHUP") and threading.current_thread() is threading.main_thread():
         before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
         resource_tracker.ensure_running()
@@ -96,9 +244,6 @@ def _end(number: int, _frame: object) -> None:
 
 def _end_with_parent() -> None:
     """Ends this worker when its parent ends: a killed parent cannot notify workers, which would wait indefinitely."""
-    from multiprocessing import parent_process
-    from multiprocessing.connection import wait
-
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -197,4 +342,4 @@ def cluster(address: str) -> Iterator[Workers]:
             return client.get_executor(pure=False)
 
         threads = cast(dict[str, int], client.nthreads())
-        yield Workers(executor(), max(4 * sum(threads.values()), 32), executor, elsewhere=True)
+        yield Workers(executor(), max(4 * sum(threads.values()), 32), executor, may_repeat=True)

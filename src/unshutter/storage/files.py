@@ -20,11 +20,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile, gettempdir
 from typing import IO, TYPE_CHECKING, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError, with_stand_ins
 from unshutter.storage import objects
 from unshutter.storage.objects import is_object
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
 
 if TYPE_CHECKING:
     import numpy as np
@@ -164,7 +170,7 @@ def digest(path: Path) -> str | None:
     """Returns a hash of the content of a plain file or an object; None if there is neither."""
     if is_object(path):
         return new_hash(objects.read_object(path)).hexdigest() if fingerprint(path) is not None else None
-    from hashlib import file_digest  # imported here: it takes 15 ms, and a single photo does not need it
+    import hashlib  # imported here: it takes 15 ms, and a single photo does not need it
 
     try:
         try:  # allowed only for the file's owner, and only on some systems: an access time may be a copy of a photo's
@@ -172,7 +178,7 @@ def digest(path: Path) -> str | None:
         except UnshutterError:
             descriptor = open_plain(path, os.O_RDONLY)
         with open(descriptor, "rb") as stream:
-            return file_digest(stream, new_hash).hexdigest()
+            return hashlib.file_digest(stream, new_hash).hexdigest()
     except (OSError, UnshutterError):
         return None
 
@@ -199,9 +205,7 @@ def new_array(shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
 
 def nameless_file() -> IO[bytes]:
     """Opens a temporary file that is removed once it is neither open nor mapped, however its process ends."""
-    import tempfile  # imported here: most photos do not need it
-
-    return tempfile.TemporaryFile(prefix="unshutter-")
+    return TemporaryFile(prefix="unshutter-")
 
 
 def lock(descriptor: int, wait: bool = False) -> bool | None:
@@ -210,16 +214,12 @@ def lock(descriptor: int, wait: bool = False) -> bool | None:
     None if the file system does not support locks.
     """
     if sys.platform == "win32":
-        import msvcrt
-
         os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # beyond the content: locked bytes cannot be read
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except PermissionError:
             return False
     else:
-        import fcntl
-
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -367,8 +367,6 @@ def _part_of(target: Path) -> Path:
     name = f".unshutter-{os.urandom(8).hex()}.part{target.suffix}"
     if not is_object(target):
         return target.with_name(name)
-    from tempfile import gettempdir
-
     return Path(gettempdir(), name)
 
 
@@ -412,10 +410,8 @@ def _take_name(part: Path, target: Path, overwrite: bool) -> None:
                 raise
             if not os.path.lexists(target):
                 return os.rename(part, target)
-    import filecmp  # imported here: few results exist already
-
     with suppress(OSError):
-        if target.is_file() and not target.is_symlink() and filecmp.cmp(part, target, shallow=False):
+        if not target.is_symlink() and part.stat().st_size == target.stat().st_size and digest(part) == digest(target):
             return None
     raise _exists(target)
 
