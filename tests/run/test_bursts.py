@@ -8,6 +8,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from support.batches import rectify
+from support.covering import thorough
 from support.drawn_photos import textured
 from support.hand_held import HEIGHT, WIDTH, camera, hand, still
 from support.tagged_files import EXIF
@@ -51,7 +52,7 @@ def records(folder, tmp_path, *flags):
     return [record for record in map(json.loads, log.read_text().splitlines()) if record["event"] == "done"]
 
 
-@pytest.mark.parametrize("flags", [(), ("--jobs", 2)])
+@pytest.mark.parametrize("flags", [(), thorough(("--jobs", 2))])
 def test_a_burst_is_found_by_its_times(moving, tmp_path, capsys, flags):
     made, frames = moving
     focal = ("--focal-px", made.focal_px)

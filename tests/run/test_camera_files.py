@@ -11,6 +11,7 @@ from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
 from support.camera_files import dng, heic, linear
+from support.covering import thorough
 from support.drawn_photos import encoded
 from support.tagged_files import (
     exif_blob,
@@ -74,7 +75,7 @@ def test_bytes_in_bytes_out(rolling_facade: np.ndarray) -> None:
         assert Photo.from_bytes(unshutter.rectify(data, motion=motion).bytes).format == format
 
 
-@pytest.mark.parametrize("jobs", [[], ["--jobs", "1"]])
+@pytest.mark.parametrize("jobs", [[], thorough(["--jobs", "1"])])
 def test_without_the_extras_each_such_file_fails_with_their_names_and_the_batch_goes_on(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], jobs: list[str]
 ) -> None:

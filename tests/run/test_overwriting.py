@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_photos, rectify, results
+from support.covering import thorough
 from unshutter.cli import main
 from unshutter.photo import Photo
 
@@ -24,7 +25,7 @@ def begun(target: str, source: Path, **more: object) -> str:
     return json.dumps({"target": target, "state": "begun", "source": str(source), **more}) + "\n"
 
 
-@pytest.mark.parametrize("jobs", [[], ["--jobs", 2]], ids=["one process", "two"])
+@pytest.mark.parametrize("jobs", [[], thorough(["--jobs", 2])], ids=["one process", "two"])
 def test_an_input_that_has_the_name_of_a_result(jobs: list, motion: Path, tmp_path: Path, capsys) -> None:
     make_photos(tmp_path, ["x.jpg", "x.rectified.jpg"])
     before = results(tmp_path)
@@ -152,7 +153,7 @@ def test_weights_and_a_given_motion_are_inputs(archive: Path, motion: Path, tmp_
 
 
 @posix
-@pytest.mark.parametrize("jobs", [[], ["--jobs", 2]], ids=["one process", "two"])
+@pytest.mark.parametrize("jobs", [[], thorough(["--jobs", 2])], ids=["one process", "two"])
 def test_results_are_as_private_as_their_photos(jobs: list, archive: Path, motion: Path, tmp_path: Path) -> None:
     (archive / "a.jpg").chmod(0o600)
     (archive / "b.jpg").chmod(0o640)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_photos, rectify, results, start_rectify
+from support.covering import thorough
 from unshutter.motion.finding import Finding
 
 
@@ -90,7 +91,7 @@ def test_names_and_reasons_do_not_break_lines_or_terminals(tmp_path: Path, motio
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs limits of file sizes")
-@pytest.mark.parametrize("jobs", [[], ["--jobs", 1]], ids=["one process", "jobs"])
+@pytest.mark.parametrize("jobs", [[], thorough(["--jobs", 1])], ids=["one process", "jobs"])
 def test_a_log_that_finds_no_room_is_named(jobs: list, archive: Path, motion: Path, tmp_path: Path) -> None:
     import resource
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_photos, rectify
+from support.covering import thorough
 from unshutter.photo import Photo
 from unshutter.storage.opened import Opened
 
@@ -25,7 +26,7 @@ RESULTS = ["a.rectified.jpg", "b.rectified.png", "below/c.rectified.tif"]
 EXPECTED = [(READ + k * 1000, CHANGED + k * 1000) for k in range(3)]
 
 
-@pytest.mark.parametrize("jobs", [[], ["--jobs", 2]], ids=["one process", "two"])
+@pytest.mark.parametrize("jobs", [[], thorough(["--jobs", 2])], ids=["one process", "two"])
 def test_of_a_folder(archive: Path, tmp_path: Path, motion: Path, capsys: pytest.CaptureFixture[str], jobs) -> None:
     words = (archive, "-o", tmp_path / "out", "--motion", motion, *jobs)
     assert rectify(*words) == 0
