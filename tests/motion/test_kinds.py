@@ -179,6 +179,8 @@ def test_scaled(make) -> None:
     motion = make().rereferenced("middle")
     assert motion.scaled(1) == motion
     assert motion.scaled(0).is_zero and not motion.is_zero
+    tilting = RotationMotion(WIDTH, np.linspace([0, 0, 0], [0.05, 0, 0], HEIGHT), 150.0)
+    assert not tilting.is_zero  # although t_x and r_z are
     np.testing.assert_allclose(motion.scaled(0).gs_to_rs(*grid()), grid(), atol=1e-9)
     np.testing.assert_allclose(motion.scaled(0.5).rz_rad, motion.rz_rad / 2, atol=2e-4)
     for wrong in (-0.1, 2.5, float("nan")):

@@ -42,13 +42,13 @@ def test_rotation_happens_about_the_given_centre() -> None:
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 2.0])
-def test_inverse_residual_over_a_thousand_motions(aspect: float) -> None:
+def test_inverse_residual_over_many_motions(aspect: float) -> None:
     rng = np.random.default_rng(0)
     width = round(ROWS * aspect)
     col, row = grid(ROWS, width, 51)  # borders included
     center = ((width - 1) / 2, (ROWS - 1) / 2)
     worst = 0.0
-    for _ in range(1000):
+    for _ in range(200):
         motion = geometry.row_motion_from_samples(*predecessor_motion(rng))
         x, y = geometry.gs_to_rs(col, row, motion, center)
         tx, rz, _ = motion(y)

@@ -116,11 +116,11 @@ class Fit:
         return cls(np.zeros((ORDER, _UNKNOWNS)), focal_px, 0.0, _STIFFNESS[-1], 0.0)
 
     def later(self, frames: int) -> Fit:
-        """Returns the fit for times counted from so many frames later, to start another one from."""
+        """Returns the fit with times counted from a later frame, as a start for another fit."""
         return replace(self, coefficients=self.coefficients[PER_FRAME * frames :])
 
     def after(self, earlier: Fit, at: float, over: float) -> Fit:
-        """Returns the fit with another one faded out, so that the path goes on without a step.
+        """Fades an earlier fit into this one, so that the path has no step.
 
         Windows that overlap agree about how the camera moved from frame to frame, but not quite about how far it turned
         within all frames alike, which is barely visible.
@@ -141,7 +141,7 @@ class Fit:
         return replace(self, coefficients=coefficients)
 
     def of_knots(self, knots: int) -> Float64[np.ndarray, "knots 4"]:
-        """Returns the coefficients of so many knots: if these are more, the camera goes on at the speed it had."""
+        """Returns the coefficients of the first ``knots`` knots; extrapolates linearly beyond the known ones."""
         known = self.coefficients[:knots]
         steps = np.arange(1, knots - len(known) + 1)[:, None]
         return np.concatenate([known, known[-1] + steps * (known[-1] - known[-2])])
@@ -325,24 +325,22 @@ class Problem:
 
 
 def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:
-    """Returns a fit, or a stiffer one that is not much faster within any frame than the tracks between frames are.
+    """Stiffens a fit until no frame moves much faster within itself than the tracks between frames.
 
     An oscillation that repeats with every frame leaves no trace in the tracks, and one that grows from frame to
     frame looks like a scene whose lower rows move faster, as near ground does. Such a fit is rejected in favour of a
     stiffer spline.
     """
     most = _FASTER * ratio / 2 * problem.fastest + _SLACK
-    while fit.stiffness < _STIFFNESS[-1] and _within_frames(fit, problem, ratio) > most:
+    rows = np.linspace(0, 1, 9)
+    times = (problem.moments[:, None] + ratio * rows).ravel()
+    while fit.stiffness < _STIFFNESS[-1]:
+        rotations = fit.rotation(times).reshape(-1, len(rows), 3)
+        reach = np.abs(rotations - rotations[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
+        if reach.max() <= most:  # of any row against its frame's middle row
+            break
         fit = problem.fit(ratio, fit.stiffness * 10)
     return fit
-
-
-def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
-    """Returns the largest displacement of any row against its frame's middle row [px of ROWS rows]."""
-    rows = np.linspace(0, 1, 9)
-    rotations = fit.rotation((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
-    reach = np.abs(rotations - rotations[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
-    return float(reach.max())
 
 
 def rotation_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:

@@ -35,7 +35,7 @@ NO_ARRAY: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an emp
 
 @dataclass(frozen=True)
 class DenseParams:
-    """How the dense model finds and fuses motion (docs/research/frames.md, frames-attempts.md).
+    """Parameters of the dense model (docs/research/frames.md, frames-attempts.md).
 
     Lengths are in px of the small copies; differences in grey levels, of 8 bits.
     """
@@ -102,7 +102,11 @@ def flow_between(
         back = threads.submit(_one_way, later, earlier, np.linalg.inv(plane), halvings)
         forward = there.result()
         backward = back.result()
-    return Flow(forward, backward, plane, _consistent_share(forward, backward))
+    partner = pixel_grid(*earlier.shape) + forward
+    has_one = inside(partner, *earlier.shape)
+    off = np.linalg.norm(forward + bilinear(backward, partner), axis=-1)
+    consistent = float((off[has_one] < DENSE.consistent).mean()) if has_one.any() else 0.0
+    return Flow(forward, backward, plane, consistent)
 
 
 @lru_cache(maxsize=2)
@@ -130,31 +134,17 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray, halvings
     height, width = source.shape
     grid = pixel_grid(height, width)
     ends = move_points(plane, grid)
-    rest = _search(halvings).calc(source, bilinear(target, ends), cast(np.ndarray, None))  # None: no initial flow
-    flow = move_points(plane, grid + rest) - grid
-    outside = ~inside(ends, height, width)
-    flow[outside] = (ends - grid)[outside]
-    return flow
-
-
-def _search(halvings: int) -> cv2.DISOpticalFlow:
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(halvings)
     search.setPatchSize(DENSE.patch)
     search.setPatchStride(DENSE.stride)
     search.setGradientDescentIterations(DENSE.descents)
     search.setVariationalRefinementIterations(DENSE.refinements)
-    return search
-
-
-def _consistent_share(forward: np.ndarray, backward: np.ndarray) -> float:
-    height, width = forward.shape[:2]
-    partner = pixel_grid(height, width) + forward
-    has_one = inside(partner, height, width)
-    if not has_one.any():
-        return 0.0
-    off = np.linalg.norm(forward + bilinear(backward, partner), axis=-1)
-    return float((off[has_one] < DENSE.consistent).mean())
+    rest = search.calc(source, bilinear(target, ends), cast(np.ndarray, None))  # None: no initial flow
+    flow = move_points(plane, grid + rest) - grid
+    outside = ~inside(ends, height, width)
+    flow[outside] = (ends - grid)[outside]
+    return flow
 
 
 # ---- the homography --------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A photo with neighbours: its copies in which motion is found, and its connection to the next one."""
+"""A photo of a sequence: its grey copies, and the flow to the next photo."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class Step:
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """The motion of one frame, or why it has none; stays small until the motion of all rows is requested."""
+    """The motion of one frame, or the reason why it has none; rows are computed only on request."""
 
     height: int
     width: int
@@ -180,8 +180,12 @@ class FrameMotion:
         if joined and self.after == 0:
             return Step(np.zeros(3), np.nan)
         if self.rotations is None and (not joined or self.fit is None):
-            still = joined and self.reason is not None and self.reason.code in AT_REST
-            return Step(np.zeros(3), np.nan) if still else self._step_of_pair()
+            if joined and self.reason is not None and self.reason.code in AT_REST:
+                return Step(np.zeros(3), np.nan)
+            if self.tracks is None or len(self.tracks) < MIN_TRACKS:
+                return None
+            focal = self.focal or usual_focal(self.tracks)  # ignores the readout time
+            return Step(rotation_between(self.tracks, focal), focal / ROWS)
         if self.fit is None:
             return None
         rotation = np.zeros(3)
@@ -204,13 +208,6 @@ class FrameMotion:
         jacobian = rotation_jacobian(middles, tracks.width * unit, fit.focal_px, self.lens)[..., :3]
         moved = np.einsum("nij,nj->ni", jacobian, rotated * fit.focal_px) / unit
         return replace(tracks, end=tracks.end - moved)
-
-    def _step_of_pair(self) -> Step | None:
-        """Returns the camera's rotation from the tracks since the previous frame alone, ignoring the readout time."""
-        if self.tracks is None or len(self.tracks) < MIN_TRACKS:
-            return None
-        focal = self.focal or usual_focal(self.tracks)
-        return Step(rotation_between(self.tracks, focal), focal / ROWS)
 
     def _none(self, reason: Reason | None) -> Finding:
         motion = RowMotion.zero(self.height, self.width, scan_direction=self.scan_direction)

@@ -1,4 +1,4 @@
-"""Estimates a photo's motion, or that it had none, from the video inside the photo; stabilised videos are rejected."""
+"""Estimates a photo's motion from the video embedded in it; rejects stabilised videos."""
 
 from __future__ import annotations
 
@@ -60,7 +60,9 @@ def decode_embedded_video(video: EmbeddedVideo) -> DecodedVideo | None:
             if video.identifier and container.metadata.get(_IDENTIFIER) != video.identifier:
                 return None
             for frame in _frames(container, video.moment_s):
-                frames.append(_grey(frame))
+                shrink = max(min(frame.height, frame.width) / TRACKED_SIDE, 1.0)
+                width, height = round(frame.width / shrink), round(frame.height / shrink)
+                frames.append(frame.to_ndarray(format="gray", interpolation="AREA", width=width, height=height))
                 times.append(frame.time)
                 if len(frames) == VIDEO.most_frames:
                     break
@@ -87,14 +89,6 @@ def _frames(container: InputContainer, moment_s: float | None) -> Iterator[Video
         if moment_s is not None and frame.time > moment_s + VIDEO.about_s:
             return
         yield frame
-
-
-def _grey(frame: VideoFrame) -> np.ndarray:
-    """Returns the small grey copy in which corners are tracked."""
-    shrink = max(min(frame.height, frame.width) / TRACKED_SIDE, 1.0)
-    width = round(frame.width / shrink)
-    height = round(frame.height / shrink)
-    return frame.to_ndarray(format="gray", interpolation="AREA", width=width, height=height)
 
 
 NAME = "film"

@@ -1,4 +1,4 @@
-"""What depth adds to the motion between two frames: skew and stretch of the picture, which follow its speed.
+"""Models the skew and stretch that depth adds to the motion between two frames, which follow its speed.
 
 Near and far move at different speeds. Where the ground is near and lies at the bottom of the picture, lower rows move
 faster: as skewed and stretched as by a rolling shutter whose camera speeds up, so that a path would have to bend to
@@ -124,11 +124,11 @@ class Eliminated:
         return _REMAINDER_PX**-2 / self._held
 
     def normal(self) -> Float64[np.ndarray, "pairs n n"]:
-        """Returns what is to be subtracted from each pair's normal matrix."""
+        """Returns the correction to subtract from each pair's normal matrix."""
         return self.crossed @ self.crossed.swapaxes(1, 2) / self._held[:, None, None]
 
     def right(self) -> Float64[np.ndarray, "pairs n"]:
-        """Returns what is to be subtracted from each pair's right-hand side."""
+        """Returns the correction to subtract from each pair's right-hand side."""
         return (self.crossed @ (self.moved / self._held[:, None])[..., None])[..., 0]
 
     def solved(

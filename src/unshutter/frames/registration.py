@@ -34,7 +34,7 @@ _TURNS = 9  # unknowns of q0, q1, q2; followed by those of scale, slant and lens
 
 @dataclass(frozen=True)
 class VideoParams:
-    """How a photo's video is used, measured by ``python lab/benchmarks/motion_photos.py`` (docs/research/frames.md).
+    """Parameters of using a photo's video, measured by ``python lab/benchmarks/motion_photos.py``.
 
     Lengths in px are those of a picture with ``ROWS`` rows, unless others are named; times are in frame intervals.
     """

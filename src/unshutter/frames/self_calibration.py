@@ -42,7 +42,7 @@ _TRIED_FOCALS = USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest ac
 
 @dataclass(frozen=True)
 class CalibrationParams:
-    """How readout ratio, focal length and shots are told from frames (docs/research/frames.md)."""
+    """Parameters of estimating the readout ratio and focal length, and of splitting shots (docs/research/frames.md)."""
 
     part: int = 30  # pairs of frames per part
     most_tracks: int = 100  # per pair: more only take longer

@@ -43,7 +43,7 @@ _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allo
 
 @dataclass(frozen=True)
 class Window:
-    """Frames whose motion is estimated together, and of which the middle ones are kept.
+    """The number of frames whose motion is estimated together; that of the middle ones is kept.
 
     Few frames on both sides let the path swing at the ends of what is kept: neighbouring windows then disagree.
     """
@@ -127,6 +127,8 @@ class CameraMotion:
         while shot.waiting and (ended or len(shot.waiting) >= most):
             many = len(shot.waiting) if len(shot.waiting) <= most and ended else core
             fit, reason = self._fit(shot, many)
+            if (fit is None or reason is not None) and self.known_rotations is not None and self._focal is not None:
+                fit, reason = fit or Fit.none(self._focal), None  # the gyro suffices, whatever the frames show
             if reason is None and self.check is not None:
                 reason = self.check(shot)
             start = np.floor(shot.times[0])
@@ -164,14 +166,7 @@ class CameraMotion:
             shot.why_unknown = error.reason
 
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
-        """Returns the motion around the next frames of a shot, or why there is none."""
-        fit, reason = self._fit_of_pairs(shot, many)
-        if (fit is None or reason is not None) and self.known_rotations is not None and self._focal is not None:
-            return fit or Fit.none(self._focal), None  # the gyro suffices, whatever the frames show
-        return fit, reason
-
-    def _fit_of_pairs(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
-        """Returns the motion shown by tracks, in addition to a gyro's; or why there is none."""
+        """Returns the motion around the next frames of a shot, in addition to a gyro's; or why there is none."""
         pairs = shot.pairs[: shot.before + many + self.window.ahead - 1]
         pairs = [fewer(pair if self.keep_out is None else pair.split(self.keep_out)[0]) for pair in pairs]
         if not pairs:
@@ -194,7 +189,10 @@ class CameraMotion:
             pairs = [self.known_rotations.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         # two frames alone do not tell skew that depth adds from skew that the readout adds
         problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None, self.count)
-        likeliest = problem.fit(self.ratio.value, self._stiffness_for(len(pairs)), shot.as_now(shot.fitted))
+        # the search for the stiffness is slow, and so done once in a while
+        known = None if self._since_search >= _STIFFNESS_EVERY else self._stiffness
+        stiffness = _EVEN if len(pairs) < _FEW_PAIRS else known
+        likeliest = problem.fit(self.ratio.value, stiffness, shot.as_now(shot.fitted))
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
         if path_before is not None:
@@ -217,12 +215,6 @@ class CameraMotion:
             still = Code.STOOD_STILL if shot.at_rest else Code.HARDLY_MOVED
             return Reason(Code.ONLY_OTHERS_MOVED if shot.passed else still)
         return None
-
-    def _stiffness_for(self, pairs: int) -> float | None:
-        """Returns a known stiffness, or None to search for it, which is slow and so done once in a while."""
-        if pairs < _FEW_PAIRS:
-            return _EVEN
-        return None if self._since_search >= _STIFFNESS_EVERY else self._stiffness
 
 
 # ---- for users ---------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ GUESSED_RATIO = 0.5  # readout ratio where any will do
 
 @dataclass(frozen=True)
 class TrackParams:
-    """How corners are tracked, and which of them are the background's (docs/research/frames.md)."""
+    """Parameters of tracking corners and of selecting the background's (docs/research/frames.md)."""
 
     most_corners: int = 200
     quality: float = 0.005  # of a corner, as a share of the best one's
@@ -97,7 +97,7 @@ def follow(
 
 
 def _found(earlier: np.ndarray, later: np.ndarray, corners: np.ndarray, lens: Lens | None = None) -> Tracks:
-    """Returns the tracks of those corners [N, 1, 2] that are found again."""
+    """Tracks corners [N, 1, 2]; returns those that are found in both directions."""
     height, width = earlier.shape
     scale = max(1.0, max(earlier.shape) / _TRACKS.coarse_side)
     size = tuple(max(round(side / scale), 2) for side in earlier.shape[::-1])
@@ -290,7 +290,7 @@ def _close_to_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks, near: fl
 
 
 def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:
-    """Returns where a lens that keeps lines straight would show points, unless this is such a lens."""
+    """Undoes the lens distortion of points, if the lens has any."""
     if tracks.lens is None:
         return points
     focal = tracks.lens.focal * tracks.height
@@ -300,7 +300,7 @@ def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Flo
 
 
 def bent(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:
-    """Returns where the lens shows points of the straightened picture; the inverse of :func:`straightened`."""
+    """Applies the lens distortion to points; the inverse of :func:`straightened`."""
     if tracks.lens is None:
         return points
     focal = tracks.lens.focal * tracks.height

@@ -1,4 +1,4 @@
-"""The readout ratio of photos that are too few to show it."""
+"""The usual readout ratio, for sequences too short to reveal their own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LONGEST_S = 10.0  # between photos that are worth comparing
 
 
 def cautious(time: ReadoutTime) -> ReadoutTime:
-    """Returns the part of a camera's usual readout time that is safe to undo."""
+    """Shortens a camera's usual readout time to a part that is safe to undo."""
     return replace(time, seconds=_CAUTIOUS * time.seconds)
 
 

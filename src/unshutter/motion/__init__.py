@@ -1,4 +1,4 @@
-"""The camera's motion during the readout of a photo: what it is, what it does to pixels, and undoing that.
+"""The camera's motion during the readout of a photo: its geometry, its effect on pixels, and how to undo it.
 
 ``Motion`` is the interface shared by all kinds of motion. ``RowMotion`` is the paper's model: t_x and r_z of every row
 map positions by Eq. 1. Methods that return richer models have their own kinds with their own mappings:

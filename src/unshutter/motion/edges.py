@@ -119,14 +119,13 @@ def valid_window(mask: Bool[np.ndarray, "height width"], any_shape: bool = False
     Args:
         any_shape: whether it may have another aspect ratio, if that leaves 3 % of the area more.
     """
-    search = _Search(lambda rows, cols: _all_between(mask, rows, cols), *mask.shape)
+
+    def seen(rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+        across = np.minimum.reduceat(np.ascontiguousarray(mask).view(np.uint8), rows[:-1], axis=0)
+        return np.minimum.reduceat(across, cols[:-1], axis=1).view(bool)
+
+    search = _Search(seen, *mask.shape)
     return search.best() if any_shape else search.shaped()
-
-
-def _all_between(mask: np.ndarray, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-    """Returns which of the cells between borders of rows and columns are True throughout."""
-    across = np.minimum.reduceat(np.ascontiguousarray(mask).view(np.uint8), rows[:-1], axis=0)
-    return np.minimum.reduceat(across, cols[:-1], axis=1).view(bool)
 
 
 def _first_and_last(borders: np.ndarray) -> np.ndarray:

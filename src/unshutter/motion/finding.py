@@ -1,4 +1,4 @@
-"""Finding: what is known about a photo's motion, and the candidates that a person can choose from; its motion file."""
+"""Finding: a photo's motion with its source and certainty, its motion file, and the candidates to choose from."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from unshutter.version import __version__
 
 @dataclass(frozen=True)
 class MotionOdds:
-    """What a photo says about whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
+    """Evidence of a photo on whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
 
     log_odds: float  # that the camera moved, if half of all cameras did
     decision_threshold: float  # log odds of the folder from which a motion is undone
@@ -32,7 +32,7 @@ class MotionOdds:
 
 @dataclass(frozen=True)
 class Finding:
-    """What is found about a photo's motion, or given: the motion, where it comes from and how sure it is.
+    """A motion that was found or given, with its source and certainty.
 
     Attributes:
         motion: the motion that fits best, or was chosen; zero, with a reason, if the photo does not show enough.
@@ -154,10 +154,15 @@ class Finding:
     def to_json(self) -> str:
         """Returns the finding as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions)."""
         answer = {"estimator": self.estimator, "confidence": self.confidence, "unshutter": self.version}
+        angles = {"roll": self.roll, "tilt": self.tilt}
+        attitude = {f"{name}_deg": angle and angle.deg for name, angle in angles.items()} | {"from": self.attitude_from}
+        stated = {name: angle is not None and angle.stated for name, angle in angles.items()}
+        if any(stated.values()):
+            attitude |= {"stated": stated}
         optional = {
             "reason": self.reason and str(self.reason),
             "declined": self.reason and self.reason.as_json(),
-            "attitude": self._attitude_json() if self.attitude_from else None,
+            "attitude": attitude if self.attitude_from else None,
             "exposure_s": self.exposure_s,
             "expected_error": rounded(self.expected_error, 6),
             "kinds": {name: round(share, 4) for name, share in self.kind_shares} or None,
@@ -166,12 +171,6 @@ class Finding:
             "held_at_rest": self.held_at_rest and asdict(self.held_at_rest),
         }
         return json.dumps(self.motion.as_data(answer) | known_values(optional))
-
-    def _attitude_json(self) -> JsonObject:
-        angles = {"roll": self.roll, "tilt": self.tilt}
-        data = {f"{name}_deg": angle and angle.deg for name, angle in angles.items()} | {"from": self.attitude_from}
-        stated = {name: angle is not None and angle.stated for name, angle in angles.items()}
-        return data | ({"stated": stated} if any(stated.values()) else {})
 
     @staticmethod
     def from_json(text: str) -> Finding:
@@ -205,7 +204,7 @@ _SOURCES = {
 
 
 def _answer_of(data: JsonObject) -> JsonObject:
-    """Returns what a motion file says about its motion, by the names of attributes."""
+    """Returns the attributes of a finding other than its motion, from the contents of a motion file."""
     name = visible(str(data.get("estimator", "given")))
     attitude = dict(data.get("attitude") or {})
     stated = dict(attitude.get("stated") or {})

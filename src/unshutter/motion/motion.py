@@ -213,7 +213,7 @@ class Motion(ABC):
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        return all(_same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
+        return all(np.array_equal(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
 
     def __hash__(self) -> int:
         return hash((self.kind, self.height, self.tx_px.tobytes(), *self.common.values()))
@@ -233,7 +233,7 @@ class Motion(ABC):
         return json.dumps(self.as_data(motion_file.GIVEN))
 
     def as_data(self, answer: JsonObject) -> JsonObject:
-        """Returns the keys of a motion file in order, with those of an answer about the motion among them."""
+        """Returns the contents of a motion file in order, including the keys of an answer about the motion."""
         largest = self.largest_px
         return {
             "format": motion_file.FORMAT,
@@ -252,7 +252,7 @@ class Motion(ABC):
 
     @staticmethod
     def from_json(text: str) -> Motion:
-        """Parses the text of a motion file and returns the motion, without what was known about it.
+        """Parses the text of a motion file and returns the motion alone, without its :class:`~unshutter.Finding`.
 
         Raises:
             UnshutterError: the text is not a motion of this format, or its values are inconsistent.
@@ -301,7 +301,3 @@ class Motion(ABC):
             UnshutterError: the file cannot be read or is not a motion.
         """
         return motion_file.read_file(path, Motion.from_json)
-
-
-def _same(one: object, other: object) -> bool:
-    return np.array_equal(one, other) if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) else one == other

@@ -1,4 +1,4 @@
-"""Motion files (JSON, format ``unshutter-motion/1``), and the values that motions of any kind may have."""
+"""Motion files (JSON, format ``unshutter-motion/1``), and the limits on values in motions of any kind."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def common_of(data: JsonObject) -> Common:
 
 
 def reason_of(data: JsonObject) -> Reason | None:
-    """Returns why there is no motion; versions before 1.1 wrote only the sentence."""
+    """Returns the reason why there is no motion; versions before 1.1 wrote only its sentence."""
     if "declined" in data:
         return Reason.from_json(data["declined"])
     sentence = visible(str(data.get("reason", "")))
@@ -160,7 +160,7 @@ _Contents = TypeVar("_Contents")
 
 
 def read_file(path: str | os.PathLike[str], parse: Callable[[str], _Contents]) -> _Contents:
-    """Reads a motion file; its errors are those of :meth:`Motion.load`."""
+    """Reads a motion file; raises the errors of :meth:`Motion.load`."""
     try:
         text = read_text(Path(path))
     except (OSError, UnicodeDecodeError) as error:
@@ -175,7 +175,7 @@ def read_file(path: str | os.PathLike[str], parse: Callable[[str], _Contents]) -
 
 
 def save(path: str | os.PathLike[str], text: str) -> None:
-    """Writes a motion file, replacing one of this name; its errors are those of :meth:`Motion.save`."""
+    """Writes a motion file, replacing one of this name; raises the errors of :meth:`Motion.save`."""
     target = Path(path)
     check_motion_name(target.name)
     check_target(target, overwrite=True)

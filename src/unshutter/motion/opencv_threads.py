@@ -1,4 +1,4 @@
-"""OpenCV's own threads, which are switched off where there are others, and restored for the host afterwards."""
+"""Switches OpenCV's own threads off while others run, and restores the host's setting afterwards."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _usual = 0  # the host's number of threads, while there are any
 
 @contextmanager
 def no_opencv_threads() -> Iterator[None]:
-    """Keeps OpenCV from starting threads, in all of this process, until the last such block ends; also a decorator."""
+    """Keeps OpenCV from starting threads in this process until the last of these blocks ends; also a decorator."""
     global _blocks, _usual
     with _lock:
         if not _blocks:

@@ -70,7 +70,7 @@ class Pose:
         return self if wish == "full" else replace(self, tilt_deg=None)
 
     def described(self) -> str:
-        """Says what was undone: ``levelled by 2.3 degrees``."""
+        """Describes what was undone: ``levelled by 2.3 degrees``."""
         if self.tilt_deg is None:
             return f"levelled by {abs(self.roll_deg):.1f} degrees"
         return f"made upright: turned by {abs(self.roll_deg):.1f} degrees, tilted by {abs(self.tilt_deg):.1f}"

@@ -1,4 +1,4 @@
-"""What is said about a motion: its speed, whether it is undone and how sure that is, and the other candidates."""
+"""The verdict on a motion: how fast it was, whether to undo it, and how certain that is."""
 
 from __future__ import annotations
 
@@ -80,6 +80,8 @@ def json_with_speed(finding: Finding, readout_ms: float) -> str:
 
 
 LIKELY = 0.8  # least confidence of a verdict that is likely
+PROBABLE = 0.5  # probability that a motion helps, above which a photo that is left alone counts as unsure
+_POSSIBLE = 0.2  # below this, nothing visible moved
 _LARGE = 1 / 12  # of the rows: a motion less than likely with a larger displacement deserves a look
 _SMALLEST = 256  # estimated motions below 1 / this of the rows are within their error
 LEAST_PX = 0.5  # below this, resampling costs more sharpness than the correction gains
@@ -227,7 +229,7 @@ class Verdict:
 
     @property
     def needs_a_look(self) -> bool:
-        """Whether a large motion is undone that is not even likely, so that someone should compare both pictures."""
+        """Whether someone should compare both pictures, because a large motion was undone that is not even likely."""
         doubted = self.certainty is not None and self.certainty.is_doubted
         return doubted and self.largest_px > _LARGE * self.finding.motion.height
 
@@ -309,6 +311,26 @@ class Verdict:
 def is_measurable(largest_px: float, rows: int) -> bool:
     """Whether an estimated motion with this largest displacement [px] is larger than its usual error."""
     return largest_px >= max(LEAST_PX, rows / _SMALLEST)
+
+
+def reason_to_leave(better: float, motion: Motion, moved: bool = False) -> Reason:
+    """Returns why a photo is left unchanged whose best motion is not worth the risk of undoing it.
+
+    Args:
+        better: probability that undoing it brings the photo closer to the truth.
+        moved: whether the user says that the camera moved.
+    """
+    if moved and (better > LIKELY or not is_measurable(motion.largest_px, motion.height)):
+        return Reason.of(Code.MOVED_TOO_LITTLE, px=motion.largest_px)
+    if moved:
+        return Reason.of(Code.UNSURE_HOW_MOVED, confidence=better, px=motion.largest_px)
+    if better > LIKELY:
+        return Reason.of(Code.HARDLY_HELPS, px=motion.largest_px)
+    if better > PROBABLE:
+        return Reason.of(Code.UNSURE, confidence=better, px=motion.largest_px)
+    if better > _POSSIBLE:
+        return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=1 - better)
+    return Reason(Code.NO_VISIBLE_MOTION)
 
 
 def judge(finding: Finding, undo: Undo) -> Verdict:

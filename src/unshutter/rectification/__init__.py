@@ -1,1 +1,1 @@
-"""From photos to their rectified pictures: one photo alone, and photos with their neighbours in time."""
+"""Rectifies photos, alone or with the help of their neighbours in time."""

@@ -1,4 +1,4 @@
-"""What neighbouring frames saw where a frame itself saw nothing, by the motion of the camera.
+"""Fills areas that a frame does not show from its neighbours, by the motion of the camera.
 
 Each neighbour is sampled once, at the positions where its rows saw what the picture shows; where both saw the scene,
 the frame's own pixels are left unchanged.

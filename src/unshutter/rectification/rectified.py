@@ -1,4 +1,4 @@
-"""Rectified: the outcome for one photo, with its new pixels or the reason why it was left unchanged."""
+"""Renders and writes the result for one photo: its new pixels, or the reason why it was left unchanged."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Rectified(Result):
 
     @property
     def found(self) -> Finding:
-        """What was found or given, undone or not, with the motion at the reference row and the strength asked for."""
+        """The motion that was found or given, undone or not, at the requested reference row and strength."""
         return self.verdict.finding
 
     @property

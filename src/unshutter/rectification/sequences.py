@@ -235,7 +235,7 @@ def _with_advice(pictures: Iterator[RectifiedFrame]) -> Iterator[RectifiedFrame]
 
 
 def _each(frames: Iterator[PhotoLike], options: SequenceOptions, inputs: list[Opened]) -> Iterator[RectifiedFrame]:
-    """Yields the result of each frame; none of them may replace one of the inputs, which those of an iterator join."""
+    """Yields the result of each frame, which must not overwrite any input, including frames read from an iterator."""
     if options.time is None:
         head = list(islice(frames, SEARCHED))
         frames = chain(head, frames)

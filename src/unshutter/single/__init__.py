@@ -1,4 +1,4 @@
-"""From one photo to its motion: the methods, each of which can be described without importing it."""
+"""Estimates motion from a single photo; methods can be listed without importing them."""
 
 from __future__ import annotations
 

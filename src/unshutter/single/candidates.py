@@ -18,8 +18,7 @@ from typing import cast
 import numpy as np
 
 from unshutter.motion.finding import Candidate, KindOfMotion, MotionOdds
-from unshutter.motion.motion import Motion
-from unshutter.motion.verdict import LIKELY, is_measurable
+from unshutter.motion.verdict import LIKELY, PROBABLE, is_measurable, reason_to_leave
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter.single.prospects import MOST_AT_REST, MOVING, ExpectedBenefit, Mode, calibration_of, expected_benefit
@@ -31,7 +30,7 @@ _ACROSS = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # derivative of t_x over the
 
 
 def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tuple[Candidate, ...] | None:
-    """Returns the motions of a smeared photo, the one to undo first; None if there is no clear smear."""
+    """Lists the motions of a smeared photo, the one to undo first; returns None if there is no clear smear."""
     limit = view.speed_limit
     time = view.readout_s()
     if limit is None or not time.seconds or view.photo.is_merged():
@@ -60,7 +59,7 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
     least = view.decision.least_confidence
     if _is_undone(first, least) and (first.better >= LIKELY or least is not None):
         return (*moving, _still(view, estimator, None, 1 - first.better))
-    reason = _reason_of_moved(first.better, moving[0].motion) if view.heading else Reason(Code.WHICH_WAY)
+    reason = reason_to_leave(first.better, moving[0].motion, moved=True) if view.heading else Reason(Code.WHICH_WAY)
     return (_still(view, estimator, reason, 1 - first.better), *moving)
 
 
@@ -98,14 +97,12 @@ _LEAST_SHARE = 0.05  # least share of a mode worth showing
 _ALIKE = 1.5 / 256  # rows: motions closer than this,
 _ALIKE_SHARE = 0.15  # or than this share of their size, look the same
 _CLEARLY = 1.5  # times the mean's benefit, from which a mode is preferred: a few lines decide between two alike
-_PROBABLY = 0.5  # probability that a motion helps, from which a photo that is left alone counts as unsure
-_HARDLY = 0.2  # below this, nothing visible moved
 
 
 def candidates_of(
     posterior: Posterior, view: View, estimator: str, network_motion: np.ndarray | None = None
 ) -> tuple[Candidate, ...]:
-    """Returns the possible motions of a photo, the one to undo first; zero with a reason if none should be.
+    """Lists the possible motions of a photo, the one to undo first; if none should be, zero motion with a reason.
 
     Args:
         network_motion: [6] the network's estimate, if the posterior includes one.
@@ -131,23 +128,22 @@ def candidates_of(
     if reason is None and not camera.moving and displacement(posterior.motion) > LARGEST:
         mean = expected_benefit(posterior, _mean(posterior), network_motion, roll_known, shift)
         at_rest = min(at_rest, 1 - mean.better)
-        reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > _PROBABLY else None
+        reason = Reason(Code.TOO_FAST_FOR_HANDS) if mean.better > PROBABLE else None
     if reason is not None and not view.decision.any:
         return (_still(view, estimator, reason, None), *moving)
     if best is None or not _is_undone(benefits[best], view.decision.least_confidence):
         reason = Reason(Code.NO_VISIBLE_MOTION)
         if best is not None:
-            leave = _reason_of_moved if camera.moving else _reason_to_leave
-            reason = leave(benefits[best].better, moving[0].motion)
+            reason = reason_to_leave(benefits[best].better, moving[0].motion, bool(camera.moving))
         return (_with_motion_odds(_still(view, estimator, reason, at_rest), motion_odds), *moving)
     first = moving[0].motion
     if camera.moving and not view.decision.any and not is_measurable(first.largest_px, first.height):
-        return (_still(view, estimator, _reason_of_moved(benefits[best].better, first), at_rest), *moving)
+        return (_still(view, estimator, reason_to_leave(benefits[best].better, first, moved=True), at_rest), *moving)
     return (_with_motion_odds(moving[0], motion_odds), *moving[1:], _still(view, estimator, None, at_rest))
 
 
 def _motion_odds(benefits: list[ExpectedBenefit], folder_log_odds: float, with_network: bool) -> MotionOdds | None:
-    """Returns what the photo says about whether its camera moved, apart from its folder; None if nothing."""
+    """Returns the evidence that the camera moved, apart from that of the folder; None if there is none."""
     if not benefits:
         return None
     slope, constant = calibration_of(with_network).moved
@@ -182,22 +178,22 @@ def modes_of(posterior: Posterior, largest: float = LARGEST) -> list[Mode]:
     for k in np.argsort(-optima.share, kind="stable"):
         home = next((group for group in groups if _alike(optima.motions[group[0]], optima.motions[k])), None)
         groups.append([int(k)]) if home is None else home.append(int(k))
-    modes = [_mode(optima, group, names) for group in groups]
-    mean = _mean(posterior)
-    others = [mode for mode in modes if mode.share >= _LEAST_SHARE and not _alike(mode.motion, mean.motion)]
-    possible = [mode for mode in (mean, *others) if displacement(mode.motion) <= largest]
+    modes = []
+    for group in groups:
+        total = float(optima.share[group].sum())
+        mean, covariance = mixture_moments(
+            optima.share[group] / total, optima.motions[group], optima.covariances[group]
+        )
+        modes.append(Mode(mean, expected_error(covariance), total, names[optima.kind[group[0]]]))
+    whole = _mean(posterior)
+    others = [mode for mode in modes if mode.share >= _LEAST_SHARE and not _alike(mode.motion, whole.motion)]
+    possible = [mode for mode in (whole, *others) if displacement(mode.motion) <= largest]
     return sorted(possible, key=lambda mode: -mode.share)[: _MOST_MODES + 1]
 
 
 def _mean(posterior: Posterior) -> Mode:
     kind = cast(KindOfMotion, max(posterior.kinds, key=posterior.kinds.__getitem__))
     return Mode(posterior.motion, posterior.expected_error, 1.0, kind)
-
-
-def _mode(optima: Optima, group: list[int], names: list[KindOfMotion]) -> Mode:
-    share = optima.share[group] / optima.share[group].sum()
-    mean, covariance = mixture_moments(share, optima.motions[group], optima.covariances[group])
-    return Mode(mean, expected_error(covariance), float(optima.share[group].sum()), names[optima.kind[group[0]]])
 
 
 def _candidate(mode: Mode, found: ExpectedBenefit, posterior: Posterior, view: View, estimator: str) -> Candidate:
@@ -220,24 +216,6 @@ def _still(view: View, estimator: str, reason: Reason | None, probability: float
 
 def _is_undone(found: ExpectedBenefit, least: float | None) -> bool:
     return found.benefit > 0 if least is None else found.better >= least
-
-
-def _reason_to_leave(better: float, motion: Motion) -> Reason:
-    """Returns why a photo is left alone whose best motion has this probability of helping."""
-    if better > LIKELY:  # and yet what would be gained is not worth the risk
-        return Reason.of(Code.HARDLY_HELPS, px=motion.largest_px)
-    if better > _PROBABLY:
-        return Reason.of(Code.UNSURE, confidence=better, px=motion.largest_px)
-    if better > _HARDLY:
-        return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=1 - better)
-    return Reason(Code.NO_VISIBLE_MOTION)
-
-
-def _reason_of_moved(better: float, motion: Motion) -> Reason:
-    """Returns why a photo is left alone although its user says that the camera moved."""
-    if better > LIKELY or not is_measurable(motion.largest_px, motion.height):
-        return Reason.of(Code.MOVED_TOO_LITTLE, px=motion.largest_px)
-    return Reason.of(Code.UNSURE_HOW_MOVED, confidence=better, px=motion.largest_px)
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:

@@ -1,4 +1,4 @@
-"""Lines that a person draws in a photo, files of them, and the motion they show together with the photo's segments.
+"""Lines drawn by a person: their files, and the motion that they and the photo's segments show.
 
 An upright line points to the vertical vanishing point, a level one to some horizontal direction of the scene, receding
 or not, and a straight one has no known direction but no bend either. People usually draw level lines along surfaces
@@ -142,7 +142,7 @@ LINES = DrawnLineParams()
 
 
 class Directions:
-    """Angles between lines in the result and the directions that they are to have there.
+    """Angles between lines in the result and their intended directions.
 
     Upright lines run to the vertical vanishing point of a camera with this tilt and roll, level ones across it. A
     straight line may have any direction.
@@ -214,7 +214,7 @@ class DrawnLikelihood(ManhattanLikelihood):
         self._bends = Bends(drawn)
 
     def residuals(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, M] how far lines are from what they are to be, in standard deviations."""
+        """[S, M] deviations of the lines from their intended directions and straightness, in standard deviations."""
         angles = self.directions.angles(unknowns)
         offsets = self._bends.offsets(unknowns)
         return np.concatenate([angles / LINES.sigma_angle, offsets / LINES.sigma_bend], axis=1)

@@ -131,7 +131,7 @@ class View:
         return EdgeWidths.of(self.scan_direction.to_scan_frame(self.photo.pixels))
 
     def noted(self, found: Finding) -> Finding:
-        """Returns the finding with what is known about the photo apart from its pixels."""
+        """Adds the attitude, exposure and pose from the photo's metadata or the user to a finding."""
         held = self.attitude()
         roll = None if held.roll_deg is None else Angle(round(held.roll_deg, 2), self.camera.roll_deg is not None)
         tilt = None if held.tilt_deg is None else Angle(round(held.tilt_deg, 2), self.camera.tilt_deg is not None)
@@ -206,7 +206,7 @@ class Estimator(ABC):
         return self.method.name
 
     def prepare(self) -> None:
-        """Performs work that the first estimate would otherwise wait for, such as opening a network.
+        """Does slow preparations ahead of the first estimate, such as opening a network.
 
         Does nothing by default. May be called more than once.
 

@@ -394,7 +394,7 @@ def likelihood_of(
 
 
 def known_camera(view: View) -> KnownCamera:
-    """Returns what is known about the camera from the user or the photo's metadata."""
+    """Returns the known properties of the camera, from the user or the photo's metadata."""
     focal_px = view.known_focal_px()
     limit = view.speed_limit
     roll_deg, tilt_deg = view.attitude_deg()

@@ -1,4 +1,4 @@
-"""The product's methods of estimating a single photo's motion, and the choice among their answers."""
+"""The methods that estimate a single photo's motion, and the choice among their answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs a network's file in a process of its own: such a file may make the process crash, fill the memory, or never end.
+"""Runs a network's file in a process of its own, because the file may make it crash, exhaust the memory, or never end.
 
 The module that runs it there calls :func:`answer`; :func:`run_in_own_process` starts it and takes its answer.
 """

@@ -84,7 +84,7 @@ class MotionKind:
 
 @dataclass(frozen=True, eq=False)
 class KnownCamera:
-    """What is known about the camera that took this photo."""
+    """Known properties of the camera that took a photo."""
 
     up: tuple[int, int] = (0, -1)  # unit vector (right, down) towards the top of the scene
     log_focal: float | None = None  # logarithm of the focal length [rows], from EXIF or the user; None if unknown
@@ -250,12 +250,11 @@ class Prior:
         self.kinds = tuple(kinds) or shipped().kinds
         self._precision = np.stack([kind.precision for kind in self.kinds])
         self._freedom = np.array([kind.freedom for kind in self.kinds])
-        self.log_volume = np.array([self._log_volume(kind) for kind in self.kinds])
-
-    def _log_volume(self, kind: MotionKind) -> float:
-        """Returns the log volume of one kind; exact without a speed limit, or if it is much narrower than the kind."""
-        precision = kind.precision * math.exp(2 * kind.log_peak / len(kind.scale)) + self._of_speed
-        return 0.5 * float(np.linalg.slogdet(precision)[1])
+        # of each kind; exact without a speed limit, or if it is much narrower than the kind
+        volumes = [
+            kind.precision * math.exp(2 * kind.log_peak / len(kind.scale)) + self._of_speed for kind in self.kinds
+        ]
+        self.log_volume = 0.5 * np.linalg.slogdet(np.stack(volumes))[1]
 
     def expanded(
         self, unknowns: np.ndarray, kind: np.ndarray | None = None

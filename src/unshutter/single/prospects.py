@@ -1,4 +1,4 @@
-"""What undoing a motion would do to a photo: how probably it helps, and what error remains.
+"""The expected benefit of undoing a motion: the probability that it helps, and the error that remains.
 
 The errors of segments on one desk or facade are correlated, so the evidence of the likelihood is overstated: the
 location of the optimum is more reliable than its existence. What such evidence is worth was therefore learned from
@@ -39,7 +39,7 @@ _MOST = 50.0  # log odds
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A motion that might be undone."""
+    """A candidate motion of the posterior."""
 
     motion: np.ndarray  # [6] coefficients
     error: float  # expected displacement if it is of the right kind [rows]
@@ -49,7 +49,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class ExpectedBenefit:
-    """What undoing a motion would do."""
+    """The expected benefit of undoing a motion."""
 
     better: float  # probability that the result is closer to the truth than the photo
     error: float  # expected mean displacement that remains if it is [rows]
@@ -81,7 +81,7 @@ class ExpectedBenefit:
 def expected_benefit(
     posterior: Posterior, mode: Mode, network_motion: np.ndarray | None, roll_known: bool = False, shift: float = 0.0
 ) -> ExpectedBenefit:
-    """Returns what undoing a motion would do, if half of all photos moved.
+    """Returns the expected benefit of undoing a motion, if half of all cameras moved.
 
     Args:
         network_motion: [6] the network's estimate; None if it was not asked.
@@ -100,12 +100,12 @@ def expected_benefit(
 
 
 def calibration_of(with_network: bool) -> BenefitCalibration:
-    """Returns what is known of searches that include the network's estimate, or do not."""
+    """Returns the calibration for searches with or without the network's estimate."""
     return shipped().with_network if with_network else shipped().without_network
 
 
 def features(posterior: Posterior, mode: Mode, network_motion: np.ndarray | None) -> dict[str, float]:
-    """Returns what the forests read; displacements in px of 256 rows, angles in degrees."""
+    """Returns the features of the forests by name; displacements in px of 256 rows, angles in degrees."""
     (roll, tilt, focal, _), (roll_at_rest, tilt_at_rest, focal_at_rest, _) = posterior.pose, posterior.pose_at_rest
     found = {
         "evidence": posterior.evidence,

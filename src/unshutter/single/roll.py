@@ -1,4 +1,4 @@
-"""How well the lines of a photo show the roll of a camera at rest."""
+"""The uncertainty of the roll of a camera at rest, from the lines of its photo."""
 
 from __future__ import annotations
 

@@ -206,7 +206,7 @@ def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarr
 
 
 def _expected(likelihood: ManhattanLikelihood) -> np.ndarray:
-    """[4] what a camera's pose is relative to: only its focal length is, to the expected one."""
+    """[4] the reference of a camera's pose: the expected focal length; zero for the angles and the yaw."""
     return np.array([0.0, 0.0, likelihood.prior.mean[LOG_FOCAL], 0.0])
 
 
