@@ -20,10 +20,11 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.motion_photo import motion_by_embedded_video
 from unshutter.motion import RowMotion
+from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
-from unshutter.reasons import Code
+from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.clip import FilmedStill, Stabilisation
@@ -74,7 +75,7 @@ def main() -> None:
             start = time.process_time()
             evidence = motion_by_embedded_video(View(photo, Camera(focal_px=case.focal_px)))
             seconds.append(time.process_time() - start)
-            truth, found = case.motion(), evidence.finding if evidence else None
+            truth, found = case.motion(), evidence if isinstance(evidence, Finding) else None
             motion = None if found is None else found.motion
             zero = RowMotion.zero(HEIGHT, WIDTH)
             nothing.append(motion_error(zero, truth).epe)
@@ -86,7 +87,7 @@ def main() -> None:
                 errors.append(nothing[-1])
                 answers.append("stood still")
             else:
-                answers.append(str(evidence.reason.code if evidence and evidence.reason else "no video"))
+                answers.append(str(evidence.code if isinstance(evidence, Reason) else "no video"))
             error = f"{errors[-1]:.3f}" if motion is not None else "-"
             print(f"  {kind} {seed}: {answers[-1]}, EPE {error}, nothing done {nothing[-1]:.2f}")
         said = {word: sum(each.startswith(word) for each in answers) for word in ("moved", "stood still", *Code)}

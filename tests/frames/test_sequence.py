@@ -159,7 +159,7 @@ def test_frames_are_not_kept():
         return peak
 
     most_memory(5)
-    assert most_memory(90) < 1.3 * most_memory(45)
+    assert most_memory(120) < 1.3 * most_memory(60)
 
 
 @pytest.mark.parametrize(

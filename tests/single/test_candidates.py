@@ -7,11 +7,11 @@ import pytest
 
 from support.posteriors import posterior_of
 from unshutter import RowMotion, View
-from unshutter.motion.verdict import judge
+from unshutter.motion.verdict import judge, reason_to_leave
 from unshutter.options import Camera, DecisionOptions, Moving, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
-from unshutter.single.candidates import _reason_to_leave, candidates_of, modes_of
+from unshutter.single.candidates import candidates_of, modes_of
 from unshutter.single.prospects import MOST_AT_REST
 from unshutter.single.search import Optima, Posterior, displacement
 
@@ -189,5 +189,5 @@ def test_a_motion_too_small_to_be_seen_is_not_called_no_motion_by_the_verdict(vi
 def test_what_surely_helps_but_hardly_is_not_left_as_unsure_whether_it_helps(view: View) -> None:
     """Its error is as large as it is: to state the probability of help would contradict the decision."""
     motion = RowMotion.from_polynomials([0, 3], [0], view.height, view.width)
-    assert _reason_to_leave(0.97, motion).code is Code.HARDLY_HELPS
-    assert _reason_to_leave(0.6, motion) == Reason.of(Code.UNSURE, confidence=0.6, px=motion.largest_px)
+    assert reason_to_leave(0.97, motion).code is Code.HARDLY_HELPS
+    assert reason_to_leave(0.6, motion) == Reason.of(Code.UNSURE, confidence=0.6, px=motion.largest_px)

@@ -95,17 +95,13 @@ NAME = "film"
 _USUAL_RATIO = ReadoutRatio(0.6, 0.2, ReadoutSource.USUAL)  # typical of phones' videos
 
 
-@dataclass(frozen=True)
-class VideoEvidence:
-    """The evidence of a photo's video about the photo's motion."""
+def motion_by_embedded_video(view: View) -> Finding | Reason | None:
+    """Estimates a photo's motion from its video.
 
-    # the photo's motion, zero with a reason if the camera stood still; None if the video is inconclusive
-    finding: Finding | None = None
-    reason: Reason | None = None  # why the video is inconclusive; otherwise None
-
-
-def motion_by_embedded_video(view: View) -> VideoEvidence | None:
-    """Returns the evidence of a photo's video about its motion, or None if the photo has no readable video."""
+    Returns:
+        The motion, zero with a reason if the camera stood still; a reason if the video is inconclusive; None if the
+        photo has no readable video.
+    """
     place = view.photo.embedded_video()
     video = None if place is None else decode_embedded_video(place)
     if video is None:
@@ -113,25 +109,25 @@ def motion_by_embedded_video(view: View) -> VideoEvidence | None:
     try:
         return motion_by(video, view)
     except (cv2.error, np.linalg.LinAlgError):  # blank or noisy frames
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
+        return Reason(Code.EMBEDDED_VIDEO_DIFFERS)
 
 
-def motion_by(video: DecodedVideo, view: View) -> VideoEvidence:
-    """Returns the evidence of a video about a photo's motion."""
+def motion_by(video: DecodedVideo, view: View) -> Finding | Reason:
+    """Estimates a photo's motion from a video; returns a reason if the video is inconclusive."""
     height, width = video.frames[0].shape
     if len(video.frames) < VIDEO.min_frames or height > width:  # rotated upright: its rows are not those of the sensor
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_TOO_SHORT))
+        return Reason(Code.EMBEDDED_VIDEO_TOO_SHORT)
     still = _Still.of(view, video)
     if still is None:
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
+        return Reason(Code.EMBEDDED_VIDEO_DIFFERS)
     view = replace(view, camera=replace(view.camera, readout=still.scan_direction.value))
     run = _Run.around(video, still.near)
     if run is None:
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_TOO_SHORT))
+        return Reason(Code.EMBEDDED_VIDEO_TOO_SHORT)
     focal = still.focal_px * ROWS / height
     ratio = run.ratio(focal)
     if ratio is None or ratio.value < VIDEO.least_ratio:
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_STABILISED))
+        return Reason(Code.EMBEDDED_VIDEO_STABILISED)
     frames = run.frames(focal, ratio)
     near = still.near - run.first
     fit = still.fit(frames, run, near)
@@ -139,7 +135,7 @@ def motion_by(video: DecodedVideo, view: View) -> VideoEvidence:
         near = int(np.clip(round(at), 0, len(run.greys) - 1))
         fit = still.fit(frames, run, near) or fit
     if fit is None:
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
+        return Reason(Code.EMBEDDED_VIDEO_DIFFERS)
     return _judged(view, frames, fit, ratio)
 
 
@@ -246,7 +242,7 @@ class _Run:
 # ---- plausibility --------------------------------------------------------------------------------------------
 
 
-def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> VideoEvidence:
+def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> Finding | Reason:
     """Returns the motion of the photo, or why it is rejected, for instance because the video was stabilised."""
     at, off_px = _nearest(frames, fit)
     shape = _shape(frames)
@@ -260,23 +256,22 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> V
         np.hypot(off_px / VIDEO.off_px, against / (VIDEO.against_px + VIDEO.against_share * np.linalg.norm(rotated)))
         > 1
     ):
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_STABILISED))
+        return Reason(Code.EMBEDDED_VIDEO_STABILISED)
     rows = (np.arange(view.height) + 0.5) / view.height
     rotations = fit.rotation(rows)
     rotations = rotations - rotations[0]
     size = float(np.linalg.norm(rotations * shape, axis=1).mean())
     if size < VIDEO.least_px:
-        return VideoEvidence(
-            replace(view.no_motion(NAME, Reason(Code.EMBEDDED_VIDEO_STOOD_STILL)), source=MotionSource.EMBEDDED_VIDEO)
-        )
+        still = view.no_motion(NAME, Reason(Code.EMBEDDED_VIDEO_STOOD_STILL))
+        return replace(still, source=MotionSource.EMBEDDED_VIDEO)
     found = view.rotation_motion(rotations / frames.fit.focal_px, NAME)
     if found.motion.is_zero:  # the fitted motion would fold the picture
-        return VideoEvidence(reason=Reason(Code.EMBEDDED_VIDEO_DIFFERS))
+        return Reason(Code.EMBEDDED_VIDEO_DIFFERS)
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
     error = np.hypot(np.linalg.norm(errors) / 2, VIDEO.systematic_px)
     better = probability_better(size, float(error))
     known = {"source": MotionSource.EMBEDDED_VIDEO, "confidence": better, "expected_error": float(error) / ROWS}
-    return VideoEvidence(replace(found, **known))
+    return replace(found, **known)
 
 
 def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.options import Find
@@ -14,9 +13,6 @@ from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import DoNothing, find_candidates
 from unshutter.single.prospects import MOST_IN_FOLDER
 from unshutter.single.register import load, method
-
-if TYPE_CHECKING:
-    from unshutter.frames.motion_photo import VideoEvidence
 
 
 def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bool = False) -> Finding:
@@ -43,18 +39,12 @@ def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bo
 
 
 def _list_candidates(view: View, estimator: Estimator, how: Find) -> tuple[Candidate, ...]:
-    evidence = None if how.no_film else _embedded_video_evidence(view, estimator)
-    if evidence is not None and evidence.finding is not None:
-        return list_single(view.noted(evidence.finding), view.photo.orientation)
-    unused = None if evidence is None else evidence.reason
+    by_video = None
+    if not how.no_film and not isinstance(estimator, DoNothing) and view.photo.embedded_video() is not None:
+        from unshutter.frames.motion_photo import motion_by_embedded_video  # not at the top: few photos have a video
+
+        by_video = motion_by_embedded_video(view)
+    if isinstance(by_video, Finding):
+        return list_single(view.noted(by_video), view.photo.orientation)
     found = find_candidates(estimator, view, how.insists)
-    return tuple(replace(each, finding=replace(each.finding, video_unused=unused)) for each in found)
-
-
-def _embedded_video_evidence(view: View, estimator: Estimator) -> VideoEvidence | None:
-    """Returns the evidence from the video inside a photo; None if there is none."""
-    if isinstance(estimator, DoNothing) or view.photo.embedded_video() is None:
-        return None
-    from unshutter.frames.motion_photo import motion_by_embedded_video  # imported here because few photos have a video
-
-    return motion_by_embedded_video(view)
+    return tuple(replace(each, finding=replace(each.finding, video_unused=by_video)) for each in found)

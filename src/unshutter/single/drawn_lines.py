@@ -141,54 +141,6 @@ class DrawnLineParams:
 LINES = DrawnLineParams()
 
 
-class Directions:
-    """Angles between lines in the result and their intended directions.
-
-    Upright lines run to the vertical vanishing point of a camera with this tilt and roll, level ones across it. A
-    straight line may have any direction.
-
-    Args:
-        lines: [2 or more, 2] points of each line, centred, in rows.
-        rotation: roll [rad] of a camera held upright.
-    """
-
-    def __init__(self, lines: Sequence[np.ndarray], kinds: Sequence[LineKind], rotation: float):
-        ends = np.array([points[[0, -1]] for points in lines])
-        self._ends = EndPoints(ends[:, 0]), EndPoints(ends[:, 1])
-        self._level = np.array([kind == "level" for kind in kinds])
-        self._directed = np.array([kind != "straight" for kind in kinds])
-        self._turn = rotation
-
-    def angles(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, N] angles [rad], from -pi / 2 to pi / 2."""
-        one, other = (end.rectified(unknowns[:, MOTION]) for end in self._ends)
-        roll = self._turn + unknowns[:, ROLL, None]
-        # from the middle of a line to the vanishing point, divided by f cos(tilt)
-        converging = np.tan(unknowns[:, TILT, None]) / np.exp(unknowns[:, LOG_FOCAL, None]) / 2
-        x = np.where(self._level, np.cos(roll), -np.sin(roll) + converging * (one.col + other.col))
-        y = np.where(self._level, np.sin(roll), np.cos(roll) + converging * (one.row + other.row))
-        angle = np.arctan2(other.row - one.row, other.col - one.col) - np.arctan2(y, x)
-        return ((angle + math.pi / 2) % math.pi - math.pi / 2) * self._directed
-
-
-class Bends:
-    """Distances of the inner points of lines from the chords between their ends."""
-
-    def __init__(self, lines: Sequence[np.ndarray]):
-        inner = [len(points) - 2 for points in lines]
-        self._inner = EndPoints(np.concatenate([points[1:-1] for points in lines]))
-        self._ends = [EndPoints(np.repeat([points[k] for points in lines], inner, axis=0)) for k in (0, -1)]
-        self.line = np.repeat(np.arange(len(lines)), inner)  # that a point is of
-
-    def offsets(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, P] distances of all inner points [rows]."""
-        point, one, other = (each.rectified(unknowns[:, MOTION]) for each in (self._inner, *self._ends))
-        dx = other.col - one.col
-        dy = other.row - one.row
-        across = dx * (point.row - one.row) - dy * (point.col - one.col)
-        return across / np.maximum(np.hypot(dx, dy), LINES.least_length)
-
-
 NAME = "drawn-lines"  # estimator name of these motions
 # a broad prior on the motion: lines were drawn because they show it
 _ANY_MOTION = MotionKind("any", np.diag([0.06, 0.08, 0.01, 0.07, 0.06, 0.01]) ** 2, NORMAL, 1.0)
@@ -210,14 +162,40 @@ class DrawnLikelihood(ManhattanLikelihood):
             segments, size[0], size[1] / size[0], known=known, observation=observation, kinds=[_ANY_MOTION]
         )
         drawn = [_in_rows(line, view) for line in lines]
-        self.directions = Directions(drawn, [line.kind for line in lines], self._turn)
-        self._bends = Bends(drawn)
+        inner = [len(points) - 2 for points in drawn]
+        self._lines = [EndPoints(np.array([points[k] for points in drawn])) for k in (0, -1)]
+        self._inner = EndPoints(np.concatenate([points[1:-1] for points in drawn]))
+        self._chords = [EndPoints(np.repeat([points[k] for points in drawn], inner, axis=0)) for k in (0, -1)]
+        self._level = np.array([line.kind == "level" for line in lines])
+        self._directed = np.array([line.kind != "straight" for line in lines])
+
+    def angles(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, lines] angles [rad] between lines in the result and their intended directions, -pi / 2 to pi / 2.
+
+        Upright lines run to the vertical vanishing point of a camera with this tilt and roll, level ones across it. A
+        straight line may have any direction.
+        """
+        one, other = (end.rectified(unknowns[:, MOTION]) for end in self._lines)
+        roll = self._turn + unknowns[:, ROLL, None]
+        # from the middle of a line to the vanishing point, divided by f cos(tilt)
+        converging = np.tan(unknowns[:, TILT, None]) / np.exp(unknowns[:, LOG_FOCAL, None]) / 2
+        x = np.where(self._level, np.cos(roll), -np.sin(roll) + converging * (one.col + other.col))
+        y = np.where(self._level, np.sin(roll), np.cos(roll) + converging * (one.row + other.row))
+        angle = np.arctan2(other.row - one.row, other.col - one.col) - np.arctan2(y, x)
+        return ((angle + math.pi / 2) % math.pi - math.pi / 2) * self._directed
+
+    def bends(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, points] distances of the inner points of lines from the chords between their ends [rows]."""
+        point, one, other = (each.rectified(unknowns[:, MOTION]) for each in (self._inner, *self._chords))
+        dx = other.col - one.col
+        dy = other.row - one.row
+        across = dx * (point.row - one.row) - dy * (point.col - one.col)
+        return across / np.maximum(np.hypot(dx, dy), LINES.least_length)
 
     def residuals(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, M] deviations of the lines from their intended directions and straightness, in standard deviations."""
-        angles = self.directions.angles(unknowns)
-        offsets = self._bends.offsets(unknowns)
-        return np.concatenate([angles / LINES.sigma_angle, offsets / LINES.sigma_bend], axis=1)
+        angles, bends = self.angles(unknowns), self.bends(unknowns)
+        return np.concatenate([angles / LINES.sigma_angle, bends / LINES.sigma_bend], axis=1)
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, 10, M] derivative of the residuals, which do not depend on the yaw."""
@@ -290,7 +268,7 @@ def motion_from_lines(
         observation = NetworkObservation(answer, precision, errors.freedom)
         starts = [answer, *starts]
     every = DrawnLikelihood(view, segments, size, lines, observation)
-    usable = np.abs(every.directions.angles(np.zeros((1, UNKNOWNS)))[0]) < LINES.max_rotation
+    usable = np.abs(every.angles(np.zeros((1, UNKNOWNS)))[0]) < LINES.max_rotation
     level = np.array([line.kind == "level" for line in lines])
     used = usable
     fit = every.prior.mean[None]
@@ -299,15 +277,15 @@ def motion_from_lines(
         likelihood = DrawnLikelihood(view, segments, size, [lines[k] for k in np.flatnonzero(used)], observation)
         mean = _posterior_mean(likelihood, starts)
         fit = _onto_lines(likelihood, mean)
-        met = np.abs(every.directions.angles(fit * upright)[0]) <= math.radians(MET_DEG)
+        met = np.abs(every.angles(fit * upright)[0]) <= math.radians(MET_DEG)
         plausible = _plausible(fit[0], mean[0])
         doubtful = used & level if (used & level).any() else used  # a level line may recede
         if (met[used].all() and plausible) or used.sum() == 1 or (doubtful is used and used.sum() == 2):
             fit = fit if plausible else mean
             break
-        worst = np.argmax(np.abs(every.directions.angles(mean * upright)[0]) * doubtful)
+        worst = np.argmax(np.abs(every.angles(mean * upright)[0]) * doubtful)
         used = used & (np.arange(len(lines)) != worst)
-    angles = every.directions.angles(fit * upright)[0]
+    angles = every.angles(fit * upright)[0]
     troubles = [
         Trouble.SIDEWAYS if not usable[k] else Trouble.CONTRADICTS if abs(math.degrees(angle)) > MET_DEG else None
         for k, angle in enumerate(angles)
