@@ -114,7 +114,6 @@ def test_open_files_and_buffers(pixels: np.ndarray, tmp_path: Path) -> None:
     expected = unshutter.rectify(path, motion=MOTION).pixels
     with path.open("rb") as stream:
         np.testing.assert_array_equal(unshutter.rectify(stream, motion=MOTION).pixels, expected)
-    np.testing.assert_array_equal(unshutter.rectify(io.BytesIO(data), motion=MOTION).pixels, expected)
     for kind in (bytearray, memoryview):
         assert unshutter.rectify(kind(data), estimator=UNSURE).bytes == data
     with (
@@ -131,10 +130,11 @@ def test_a_motion_by_the_name_of_its_file(pixels: np.ndarray, tmp_path: Path) ->
         np.testing.assert_array_equal(unshutter.rectify(pixels, motion=name).pixels, expected)
 
 
-@pytest.mark.parametrize("nothing", [None, {"a": 1}, object()])
+@pytest.mark.parametrize("nothing", [None, {"a": 1}, object(), 5, 0.5, True, np.float32(1)])
 def test_what_is_no_photo_gets_a_sentence(nothing: object) -> None:
-    with pytest.raises(UnshutterError, match=r"a photo is a path, bytes, .*; got"):
+    with pytest.raises(UnshutterError, match=r"a photo is a path, bytes, .*; got") as error:
         unshutter.rectify(nothing, motion=MOTION)  # type: ignore[arg-type]
+    one_line(error)
 
 
 def test_what_is_missing_is_a_file_that_is_not_found(tmp_path: Path) -> None:
@@ -156,13 +156,6 @@ def test_frames_are_opened_as_photos_are(tmp_path: Path) -> None:
     made = list(unshutter.rectify_frames(kinds(pixels, tmp_path), readout_ratio=0.5))
     assert len(made) == 7 and all(isinstance(each, unshutter.RectifiedFrame) for each in made)
     np.testing.assert_array_equal(made[5].image, pixels)
-
-
-@pytest.mark.parametrize("argument", [5, 0.5, True, np.float32(1)])
-def test_a_number_is_no_photo(argument: object) -> None:
-    with pytest.raises(UnshutterError, match="a photo is a path, bytes") as error:
-        unshutter.rectify(argument)
-    one_line(error)
 
 
 def test_whole_numbers_of_another_type() -> None:

@@ -175,20 +175,6 @@ def test_focal_length_is_that_of_the_full_frame_diagonal(height, width):
     assert Photo.from_bytes(encoded(drawn(), "JPEG", exif=tags.tobytes())).focal_px() is None
 
 
-@pytest.mark.parametrize("target", WRITTEN)
-def test_metadata_go_to_a_writer_as_a_value_and_not_in_fields_of_libvips(target, monkeypatch):
-    pictures, format = [], type(WRITTEN[target])
-    embed = format.embed
-    monkeypatch.setattr(
-        format, "embed", lambda self, file, picture: pictures.append(picture) or embed(self, file, picture)
-    )
-    Photo.from_bytes(source("jpeg")).to_bytes(target)
-    (picture,) = pictures
-    assert picture.metadata.exif and picture.metadata.xmp and picture.metadata.icc
-    blank = Photo.from_array(drawn()).image
-    assert set(picture.image.get_fields()) == set(blank.get_fields())
-
-
 @pytest.mark.parametrize("origin", ["jpeg", "webp", "avif"])
 def test_a_tiff_gets_the_resolution_of_exif(origin):
     tags = Image.Exif()

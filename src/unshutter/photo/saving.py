@@ -152,8 +152,10 @@ def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Pictu
     if picture.masked and not format.masks:  # otherwise libvips would treat the mask as transparency
         lost_channels = ("mask channel",)
         picture = replace(picture, image=standard(picture.image[: picture.image.bands - 1]))
-    elif picture.has_alpha and not format.alpha and _is_transparent(picture.image):
-        lost_channels = ("transparency",)
+    elif picture.has_alpha and not format.alpha:
+        opaque = 65_535 if picture.image.format == "ushort" else 255
+        if float(picture.image[picture.image.bands - 1].min()) < opaque:  # pyright: ignore[reportArgumentType]
+            lost_channels = ("transparency",)
     metadata, left_out = _updated_metadata(picture, format, is_new)
     image, profile = _fitted_pixels(picture.image, metadata.icc, format)
     fitting = replace(picture, image=image, metadata=replace(metadata, icc=profile))
@@ -226,9 +228,3 @@ def _fitted_pixels(
     else:
         colour = grey.bandjoin([grey, grey])
     return standard(colour if alpha is None else colour.bandjoin(alpha)), profile
-
-
-def _is_transparent(image: pyvips.Image) -> bool:
-    """Whether any pixel of an image is transparent, according to its last channel."""
-    opaque = 65_535 if image.format == "ushort" else 255
-    return float(image[image.bands - 1].min()) < opaque  # pyright: ignore[reportArgumentType]

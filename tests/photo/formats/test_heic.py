@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from PIL.JpegImagePlugin import get_sampling
 
 from support.camera_files import heic
 from support.drawn_photos import drawn, one_line
@@ -50,13 +49,6 @@ def test_heic_gives_its_metadata_to_every_format() -> None:
             assert picture.info["icc_profile"] == SRGB
             assert b'xmp:Rating="4"' in (picture.info.get("xmp") or picture.info["XML:com.adobe.xmp"].encode())
         assert Photo.from_bytes(data).orientation == 6
-
-
-@pytest.mark.parametrize(("chroma", "expected"), [(444, 0), (420, 2)])
-def test_heic_gives_its_subsampling_to_jpeg(chroma: int, expected: int) -> None:
-    photo = Photo.from_bytes(heic(drawn(64, 96), chroma=chroma))
-    with Image.open(io.BytesIO(photo.to_bytes("jpeg"))) as picture:
-        assert get_sampling(picture) == expected
 
 
 def test_exif_that_goes_round_in_circles_goes_no_further() -> None:

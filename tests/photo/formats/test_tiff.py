@@ -24,14 +24,6 @@ from unshutter.photo.directories import Entry, in_classic
 from unshutter.photo.formats import tiff
 
 
-@pytest.mark.parametrize(("compression", "expected"), [("raw", 1), ("tiff_lzw", 5), ("packbits", 8), ("jpeg", 8)])
-def test_tiff_stays_uncompressed_or_lzw(compression, expected):
-    photo = Photo.from_bytes(encoded(textured(48, 80), "TIFF", compression=compression))
-    with Image.open(io.BytesIO(photo.to_bytes())) as picture:
-        assert picture.tag_v2[259] == expected
-        np.testing.assert_array_equal(np.asarray(picture), photo.to_array())
-
-
 def test_tags_that_only_tiff_keeps_stay_there():
     tags = Image.Exif()
     tags.update(ABOUT_CAMERA | {0x4746: 4})
