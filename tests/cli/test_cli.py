@@ -86,16 +86,6 @@ def test_existing_outputs_need_overwrite(photo: Path, capsys: pytest.CaptureFixt
     assert Photo.open(out).format == "jpeg"
 
 
-def test_the_original_is_never_the_output(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = digest(photo)
-    link = photo.parent / "link.jpg"
-    link.symlink_to(photo)
-    for target in (photo, link):
-        assert main(["rectify", str(photo), "-o", str(target), "--overwrite"]) != 0
-        assert "original" in one_line(capsys)
-    assert digest(photo) == before
-
-
 def test_a_batch_goes_on_past_bad_files_and_counts_them(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = photo.parent
     (folder / "broken.jpg").write_bytes(photo.read_bytes()[:2000])

@@ -216,13 +216,6 @@ def test_the_saved_motion_is_the_one_that_was_undone(folder: Path) -> None:
     assert left.motion.is_zero and str(left.reason) == "not sure enough: it would help with a probability of 0.36"
 
 
-def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:
-    for jobs in ([], ["--jobs", 2]):
-        out = tmp_path / f"out{len(jobs)}"
-        assert found(folder, "-o", out, "--estimator", "none", *jobs) == 0
-        assert all(same(folder / name, out / name) for name in PHOTOS[1:])
-
-
 # ---- edges -----------------------------------------------------------------------------------------------
 
 

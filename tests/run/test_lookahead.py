@@ -14,7 +14,7 @@ from support.covering import thorough
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.finding import Candidate, Finding
-from unshutter.options import MAX_PIXELS, Camera, Find, Rectify, Undo
+from unshutter.options import MAX_PIXELS, Find, Rectify, Undo
 from unshutter.photo import Photo
 from unshutter.run import ahead
 from unshutter.run.ahead import Begun, Wanted, look_ahead
@@ -81,17 +81,6 @@ def test_what_cannot_be_opened_is_said_where_it_is_used(photos: list[Path]) -> N
         with pytest.raises(UnshutterError, match="is not a JPEG"):
             ask()
     assert next(begun).photo.width == 530
-
-
-def test_what_is_used_is_what_is_there_when_it_is_opened(photos: list[Path], rolling_facade: np.ndarray) -> None:
-    assert next(begin(photos[:1], None)).photo.height == 420
-    Photo.from_array(rolling_facade[:200]).save(photos[0], overwrite=True)
-    assert next(begin(photos[:1], None)).photo.height == 200
-
-
-def test_a_photo_beyond_the_limit_is_refused(photos: list[Path]) -> None:
-    with pytest.raises(UnshutterError, match="more than the limit"):
-        _ = next(begin(photos[:1], None, max_pixels=1000)).photo
 
 
 def test_an_estimator_that_cannot_be_loaded_is_said_at_once_and_nobody_waits(photos: list[Path]) -> None:
@@ -210,20 +199,6 @@ def test_every_option_reaches_the_estimate(
     np.testing.assert_array_equal(
         Motion.load(motion).tx_px, unshutter.rectify(photo, min_confidence=0.001, **find).found.motion.tx_px
     )
-
-
-def test_a_camera_that_is_known_reaches_the_view(photos: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = []
-
-    class Seeing(Counting):
-        def estimate(self, view: View) -> Finding:
-            seen.append(view.camera)
-            return super().estimate(view)
-
-    monkeypatch.setattr("unshutter.run.ahead.load", lambda name: Seeing(register.method("none"), None))
-    camera = Camera("bottom-to-top", 700.0, 2.0, -3.0)
-    found(next(begin(photos[:1], Find("none", camera))))
-    assert seen == [camera]
 
 
 def test_estimates_of_a_folder_are_those_of_its_photos(photos: list[Path], tmp_path: Path) -> None:

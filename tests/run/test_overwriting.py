@@ -109,18 +109,6 @@ def test_a_manifest_that_is_a_link(kind: str, archive: Path, motion: Path, tmp_p
     assert "not a plain file" in capsys.readouterr().err
 
 
-@posix
-@pytest.mark.parametrize("kind", ["symbolic", "hard"])
-def test_a_log_that_is_a_link(kind: str, archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
-    precious, log = tmp_path / "precious.txt", tmp_path / "log.jsonl"
-    precious.write_bytes(b"")
-    (Path.symlink_to if kind == "symbolic" else Path.hardlink_to)(log, precious)
-    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", log) == 1
-    errors = capsys.readouterr().err
-    assert "link" in errors and errors.count("\n") == 1
-    assert precious.read_bytes() == b""
-
-
 def test_an_empty_photo_is_no_log(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
     (archive / "empty.jpg").write_bytes(b"")
     assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", archive / "empty.jpg") == 1
@@ -141,15 +129,6 @@ def test_a_motion_file_is_replaced_only_when_asked(archive: Path, motion: Path, 
         assert theirs.read_text() == "somebody's"
     assert rectify(*words, "--overwrite") == 0
     assert theirs.read_text() != "somebody's"
-
-
-def test_weights_and_a_given_motion_are_inputs(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
-    (tmp_path / "link.json").hardlink_to(motion)
-    before = motion.read_bytes()
-    words = ["--motion", motion, "--save-motion", tmp_path / "link.json", "--overwrite"]
-    assert rectify(archive / "a.jpg", "-o", tmp_path / "a.png", *words) == 1
-    assert "never overwritten" in capsys.readouterr().err
-    assert motion.read_bytes() == before
 
 
 @posix

@@ -142,3 +142,4 @@ def test_a_digest_is_the_one_that_manifests_of_earlier_versions_have(tmp_path: P
     (tmp_path / "a.txt").write_bytes(b"abc")
     assert digest(tmp_path / "a.txt") == "cf4ab791c62b8d2b2109c90275287816"  # b2sum -l 128
     assert new_hash(b"abc").hexdigest() == "cf4ab791c62b8d2b2109c90275287816"
+    assert digest(tmp_path / "missing") is None

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.files import check_plain, digest, new_hash, open_plain, written_whole
+from unshutter.storage.files import check_plain, digest, open_plain, written_whole
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and devices")
 ADDING = os.O_RDWR | os.O_CREAT | os.O_APPEND
@@ -62,12 +62,6 @@ def test_what_is_missing(tmp_path: Path) -> None:
         open_plain(tmp_path / "none" / "a", ADDING)
     os.close(open_plain(tmp_path / "a", ADDING))
     assert (tmp_path / "a").read_bytes() == b""
-
-
-def test_content_has_a_digest(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"content")
-    assert digest(tmp_path / "a") == new_hash(b"content").hexdigest() != new_hash(b"contenu").hexdigest()
-    assert digest(tmp_path / "missing") is None
 
 
 def test_only_a_file_with_the_same_bytes_counts_as_written(tmp_path: Path) -> None:
