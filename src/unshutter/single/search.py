@@ -140,7 +140,9 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray]) -> P
     optima = Optima(hypotheses[:, MOTION], covariances, kind, share)
     mean, covariance = mixture_moments(share, optima.motions, covariances)
     best = hypotheses[np.argmax(share)]
-    breadth, against, in_favour = _by_parts(likelihood, best, still)
+    with_motion, at_rest_too = likelihood.of_segments(np.stack([best, still]))
+    for_motion = with_motion - at_rest_too
+    parts = np.bincount(likelihood.part, for_motion)
     return Posterior(
         motion=mean,
         covariance=covariance,
@@ -151,9 +153,9 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray]) -> P
         lines_gain=float(likelihood.lines_gain(best[None])[0]),
         weight=float(likelihood.weight.sum()),
         gain_at_rest=float(likelihood.lines_gain(still[None])[0]),
-        breadth=breadth,
-        against=against,
-        in_favour=in_favour,
+        breadth=float(parts.sum() / math.sqrt(1 + (parts**2).sum())),
+        against=float(-parts[parts < 0].sum() / (1 + np.abs(parts).sum())),
+        in_favour=float((for_motion > 0).mean()),
         pose=best[CAMERA] - _expected(likelihood),
         pose_at_rest=still[CAMERA] - _expected(likelihood),
     )
@@ -193,16 +195,6 @@ def _optima(
     log_evidence = likelihood.prior.log_volume[kind] - energy[kept] - 0.5 * np.linalg.slogdet(hessian)[1]
     covariances = np.linalg.inv(hessian)[:, MOTION, MOTION]
     return (hypotheses, kind, log_evidence, covariances), evidence_at_rest, still[best]
-
-
-def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarray) -> tuple[float, float, float]:
-    """Returns breadth, against and in_favour, as defined in :class:`Posterior`."""
-    moving, resting = likelihood.of_segments(np.stack([best, still]))
-    for_motion = moving - resting
-    parts = np.bincount(likelihood.part, for_motion)
-    breadth = parts.sum() / math.sqrt(1 + (parts**2).sum())
-    against = -parts[parts < 0].sum() / (1 + np.abs(parts).sum())
-    return float(breadth), float(against), float((for_motion > 0).mean())
 
 
 def _expected(likelihood: ManhattanLikelihood) -> np.ndarray:

@@ -110,7 +110,7 @@ def _camera_from(request: ClipRequest, sampled: SampledFrames, log: Log) -> Clip
 
 
 def _stabilised(request: ClipRequest, gyro: ClipGyro | None) -> Reason | None:
-    """Returns why the rows of a clip must have moved after they were read out; None if nothing says so."""
+    """Returns why the rows of a clip must have moved after they were read out; None without a sign of it."""
     stabilised = None if gyro is None else gyro.stabilised
     if stabilised is None and (gyro is None or gyro.rotations is None) and request.clip.camera.is_stabilised:
         return Reason(Code.STABILISED_IN_CAMERA)
