@@ -2,7 +2,7 @@
 
 import { ask, events, Refused, rest } from "./api.js";
 
-const EVERY_MS = 1000;
+const EVERY_MS = 5000; // between tries; the program waits twice as long for a tab
 const TABS = "/api/tabs";
 
 /** The id that the link gave this tab; a page that is loaded again has none. */
