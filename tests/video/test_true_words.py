@@ -10,7 +10,7 @@ from unshutter.frames.tracks import Tracks, background
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.progress import ClipObserver
 from unshutter.reasons import Code, Reason
-from unshutter.video.calibrate.camera_path import grey_copies
+from unshutter.video.calibrate.motion_estimation import grey_copies
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts

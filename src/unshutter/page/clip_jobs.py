@@ -44,8 +44,8 @@ from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import writable
 from unshutter.video.file.pixels import ArrayFrame, PixelFormat, of_file, upright
 from unshutter.video.file.row_samples import ROWS
+from unshutter.video.file.stages import Stage
 from unshutter.video.file.video_writer import encode_pairs
-from unshutter.video.file.work import Stage
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement
 from unshutter.video.render.frame_warper import Warper
@@ -125,7 +125,7 @@ def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObjec
             "ms_sd": time.error_ms,
             "found_by": time.source,
             "cameras": time.camera,
-            "direction": camera.direction or "",  # in which rows were read, if the frames show another than usual
+            "direction": camera.scan_direction or "",  # in which rows were read, if the frames show another than usual
             # wobble that the readout explains, from frame to frame; None if too few frames were looked at
             "wobble_px": wobble_px,
             # range of the typical time, of which no frame takes longer than one; None if the time is known

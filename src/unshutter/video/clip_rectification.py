@@ -32,8 +32,8 @@ from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import Encoder
 from unshutter.video.file.motion_file import MotionWriter
 from unshutter.video.file.pixels import of_file
+from unshutter.video.file.stages import Stage
 from unshutter.video.file.video_writer import VideoWriter, fitted, holds_covers, start_of, writing
-from unshutter.video.file.work import Stage
 from unshutter.video.outcome import ClipOutcome, Tally
 from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.render.rendering import (
@@ -107,7 +107,7 @@ def rectify_clip_file(
         lens=request.lens,
         lens_degrees=None if request.lens is None else request.lens.degrees(aspect),
         straight_degrees=None if straight is None else straight.degrees(aspect),
-        direction=camera.direction,
+        direction=camera.scan_direction,
         unfit=why_unfit(camera),
     )
     if options.preview is not None and outcome.written:

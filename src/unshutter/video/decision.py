@@ -26,20 +26,33 @@ from unshutter.video.calibrate.readout_time import largest_displacement_px
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.motion_file import ClipMotion, load_clip_motion
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 
 NO_FRAMES = "{clip} has no frames in this part"
 
-_ROUNDING_PX = 0.05  # by which a displacement must be less than half a pixel to be rounded to less
-_VISIBLE_PX, _MOST_FRAMES = 0.5, 90  # px of 1080 rows at most: less than that in this many per cent of frames cannot be
-_BRIEFLY_VISIBLE_PX = 2.0  # seen, unless it is as large as this in one of them
-_FOLLOWS = 0.5  # least correlation of the lean with the speed
-_SLACK_PX = 0.1  # px of 1080 rows, by which steps may grow besides
-_MAY_GROW, _MAY_GROW_ONCE = 1.1, 1.5  # times: by which large steps may grow; one, where all others get much smaller
-_MIN_PAIRS = 6  # below which tracks cannot tell the gain
-_SURE, _SURE_OF_FEW = 2.0, 4.0  # standard deviations; in a few short parts, what moves by itself may seem to fit
-_EVEN = 0.125  # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
-_PAYS = 0.95  # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
+
+@dataclass(frozen=True)
+class DecisionParams:
+    """Thresholds of the decision (docs/research/clips.md; lab/benchmarks/real_clips.py)."""
+
+    rounding_px: float = 0.05  # by which a displacement must be less than half a pixel to be rounded to less
+    visible_px: float = 0.5  # px of 1080 rows at most: a smaller displacement cannot be seen
+    most_frames: int = 90  # per cent of frames in which it is smaller
+    briefly_visible_px: float = 2.0  # px: unless it is as large as this in one of the others
+    follows: float = 0.5  # least correlation of the lean with the speed
+    slack_px: float = 0.1  # px of 1080 rows, by which steps may grow besides
+    may_grow: float = 1.1  # times: by which large steps may grow
+    may_grow_once: float = 1.5  # and one, where all others get much smaller
+    min_pairs: int = 6  # below which tracks cannot tell the gain
+    sure: float = 2.0  # standard deviations by which the gain exceeds 0
+    sure_of_few: float = 4.0  # in a few short parts, where what moves by itself may seem to fit
+    # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
+    even: float = 0.125
+    # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
+    pays: float = 0.95
+
+
+_PARAMS = DecisionParams()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +109,7 @@ def _by_frames(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames)
     time = camera.readout_time
     frames = len(sampled.parts[0]) if sampled.is_whole else None
     if time.plausible_s is not None and request.options.steadiness.stabilize is None:
-        least_px = LEAST_PX - _ROUNDING_PX
+        least_px = LEAST_PX - _PARAMS.rounding_px
         largest_px = largest_displacement_px(request, sampled, time.longest_s, least_px)
         if largest_px < least_px:
             return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(largest_px, 1), 0.1)), frames)
@@ -150,13 +163,13 @@ def _why_gain_is_too_small(request: ClipRequest, camera: ClipCamera, sampled: Sa
     is_short = sampled.is_whole and len(sampled.parts[0]) <= gain.ALL
     if not is_short:
         few = gain.gain_of_parts(request, *known, sampled.runs(gain.RUNS, gain.RUN))
-        if not sampled.is_whole or why_no_gain(few, _SURE_OF_FEW) is None:
+        if not sampled.is_whole or why_no_gain(few, _PARAMS.sure_of_few) is None:
             return why_no_gain(few)
     stage = Stage.JUDGE if is_short else Stage.JUDGE_ALL
     return why_no_gain(gain.gain_of_parts(request, *known, sampled.parts, stage))
 
 
-def why_no_gain(measured: Gain, sure: float = _SURE) -> Reason | None:
+def why_no_gain(measured: Gain, sure: float = _PARAMS.sure) -> Reason | None:
     """Returns why a clip is no better afterwards; None if it is, or if no frames can tell.
 
     Args:
@@ -166,19 +179,19 @@ def why_no_gain(measured: Gain, sure: float = _SURE) -> Reason | None:
         return measured.reasons.most_common(1)[0][0] if measured.reasons else None
     if 2 * len(measured.displaced_px) >= measured.frames and not is_visible(measured.displaced_px):
         return Reason(Code.NO_VISIBLE_DISTORTION)
-    if measured.steps.follow < _FOLLOWS:
+    if measured.steps.follow < _PARAMS.follows:
         return Reason.of(Code.LEANS_OTHERWISE, correlation=round(measured.steps.follow, 2))
     sizes = measured.steps.sizes
-    if sizes is not None and _are_worse(sizes[1], sizes[0], _SLACK_PX * measured.steps.rows / TALL):
+    if sizes is not None and _are_worse(sizes[1], sizes[0], _PARAMS.slack_px * measured.steps.rows / TALL):
         figures = zip(sizes[0].figures, sizes[1].figures, strict=True)
         before, after = next((was, now) for was, now in figures if now > was)
         return _no_gain(before, after, measured.short_side / measured.steps.rows)
-    if len(measured.gains) < _MIN_PAIRS:
+    if len(measured.gains) < _PARAMS.min_pairs:
         return None
     change, displaced = np.median(measured.changes_px, axis=0)
     before, after = map(float, np.median(measured.wobble_px, axis=0))
     usual, error = measured.gain
-    if change < _EVEN * displaced or (usual > sure * error and after < _PAYS * before):
+    if change < _PARAMS.even * displaced or (usual > sure * error and after < _PARAMS.pays * before):
         return None
     return _no_gain(before, after, measured.short_side / TALL)
 
@@ -193,12 +206,12 @@ def _are_worse(after: StepSizes, before: StepSizes, slack: float) -> bool:
 
     Where those before are twice as large in general, a single step may be somewhat larger.
     """
-    once = _MAY_GROW_ONCE if after.usual < before.usual / 2 else _MAY_GROW
-    grows = after.usual > _MAY_GROW * before.usual + slack or after.largest > once * before.largest + slack
+    once = _PARAMS.may_grow_once if after.usual < before.usual / 2 else _PARAMS.may_grow
+    grows = after.usual > _PARAMS.may_grow * before.usual + slack or after.largest > once * before.largest + slack
     return grows or after.rms > max(before.rms, slack)
 
 
 def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
     """Whether anyone can see that frames are displaced so far [px, but of 1080 rows at most]."""
-    most = np.percentile(displaced_px, _MOST_FRAMES)
-    return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
+    most = np.percentile(displaced_px, _PARAMS.most_frames)
+    return bool(most >= _PARAMS.visible_px or np.max(displaced_px) >= _PARAMS.briefly_visible_px)

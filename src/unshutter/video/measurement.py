@@ -137,7 +137,7 @@ def _measured(path: Path, options: MeasureClips) -> _Measured:
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
     camera, evidence = find_camera(request)
     runs = runs_in_survey(evidence)
-    direction = camera.direction or request.scan_direction
+    direction = camera.scan_direction or request.scan_direction
     px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
     if px is None:
         raise UnshutterError("{clip} has too few frames to measure", clip=str(path))

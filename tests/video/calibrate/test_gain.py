@@ -17,7 +17,7 @@ from unshutter.video.calibrate.readout_regression import PairMotion
 from unshutter.video.decision import Leave, RectifyFrames, calibrate_and_decide, why_no_gain
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
-from unshutter.video.file.work import Stage, Work
+from unshutter.video.file.stages import Stage, Work
 
 FRAMES = 24
 

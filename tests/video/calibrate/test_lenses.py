@@ -29,7 +29,7 @@ from unshutter.video.calibrate.lenses import (
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
-from unshutter.video.file.work import Work
+from unshutter.video.file.stages import Work
 from unshutter.video.render.views import StraightView
 
 K = [0.04, 0.01, -0.006, 0.002]

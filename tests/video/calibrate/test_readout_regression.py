@@ -92,7 +92,7 @@ def test_a_clip_shows_its_readout_time_and_direction(tmp_path, upside_down, read
     greys = [np.ascontiguousarray(np.rot90(grey, 2)) for grey in greys] if upside_down else greys
     clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
     camera, _ = find_camera(ClipRequest.of(clip, RectifyClip()))
-    assert (camera.direction or ScanDirection.TOP_TO_BOTTOM) == readout
+    assert (camera.scan_direction or ScanDirection.TOP_TO_BOTTOM) == readout
     assert camera.readout_time.seconds / clip.interval_s == pytest.approx(0.6, rel=0.1)
 
 

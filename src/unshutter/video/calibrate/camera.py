@@ -25,7 +25,7 @@ from unshutter.video.calibrate.readout_regression import Regression
 from unshutter.video.calibrate.readout_time import listed_time, regression_in_survey, time_in_survey, usual_time
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.file.clip import ClipRequest
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.gyro_log import GyroLog
 
 _LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
@@ -39,14 +39,14 @@ class ClipCamera:
     readout_time: ReadoutTime
     lens: Lens | None = None  # its lens, if it bends straight lines
     gyro: ClipGyro | None = None  # the clip's gyro log, and what it tells; None if there is none
-    direction: ScanDirection | None = None  # of the stored pixels, if the frames show another than usual
+    scan_direction: ScanDirection | None = None  # of the stored pixels, if the frames show another than usual
     shown: Regression | None = None  # what the regression of its frames shows; None if there are too few
     stabilised: Reason | None = None  # why its rows must have moved after they were read out; None if nothing says so
     frames: int = 0  # number of frames that were tracked
 
     def complete(self, request: ClipRequest) -> ClipRequest:
         """Returns the request of a clip of this camera: with its lens, and the direction in which it reads."""
-        return replace(request, lens=self.lens, scan_direction=self.direction or request.scan_direction)
+        return replace(request, lens=self.lens, scan_direction=self.scan_direction or request.scan_direction)
 
 
 def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
@@ -66,7 +66,7 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
         request = replace(request, scan_direction=direction)
         check_focal(request.options.shutter.focal_px, request.frame_size[0])
         sampled = ask(request, question, parts_s)
-    camera = replace(_camera_from(request, sampled, log), direction=direction)
+    camera = replace(_camera_from(request, sampled, log), scan_direction=direction)
     request.work.expect({Stage.SEARCH: 0})
     return camera, sampled.through(camera.lens)
 

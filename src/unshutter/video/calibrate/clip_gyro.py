@@ -1,8 +1,8 @@
 """The gyro log of a clip: found in its file or next to it, aligned with the picture, and used if they agree.
 
-To align them, the turn of every pair of frames is compared with the log at each offset and in each of the 24 possible
-orientations of the axes; then all unknowns are adjusted together (synchronisation.py). If the clip was stabilised by
-the camera, or the log belongs to another clip, the turns do not follow the log's.
+To align them, the rotation of every pair of frames is compared with the log at each offset and in each of the 24
+possible orientations of the axes; then all unknowns are adjusted together (synchronisation.py). If the clip was
+stabilised by the camera, or the log belongs to another clip, the rotations do not follow the log's.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.gpmf import DamagedLogError
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog, Pair, can_parse, log_of_camera, log_of_file
 from unshutter.video.gyro.synchronisation import Adjusted, Adjustment, GyroRotations, has_gravity
 
@@ -119,7 +119,7 @@ def gyro_in_survey(
     if len(pairs) < _MIN_PAIRS:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
-    request.work.expect({Stage.SURVEY: 0, Stage.ALIGN: _ROUNDS * len(pairs)})
+    request.work.expect({Stage.SURVEY: 0, Stage.ALIGN: _PARAMS.rounds * len(pairs)})
     count = request.work.counts(Stage.ALIGN)
     synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px, count)
     request.work.expect({Stage.ALIGN: 0})
@@ -148,7 +148,7 @@ def _check_gravity(log: GyroLog) -> None:
 
 
 def level_rotations(gyro: ClipGyro | None) -> GyroRotations:
-    """Returns the turns by a clip's gyro log, with which it is kept level; raises UsageError without any."""
+    """Returns the rotations by a clip's gyro log, with which it is kept level; raises UsageError without any."""
     if gyro is None:
         raise UsageError(
             "{--level} needs a gyro log with acceleration, and the clip has no log: name one with {--gyro}"
@@ -218,17 +218,33 @@ def _pairs(evidence: SampledFrames) -> Iterator[Pair]:
 # ---- the log's alignment with the clip -------------------------------------------------------------------------
 
 _HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
-_FOCALS = (0.25, 6.0)  # shortest and longest, as multiples of the usual one
-_LAG_S, _LONG_LAG_S, _MANY_LAGS = 0.004, 0.008, 20_000  # spacing of the offsets to try; the spacing if there are many
-_LAGS_AT_ONCE, _FINER = 1 << 14, 4  # offsets; a log is sampled at this fraction of their spacing
-_MARGIN_S = 2.0  # at both ends of the part of a log that is adjusted
-_FOLLOWS = 0.84  # minimum correlation. Measured: real clips 0.97 or more, stabilised ones up to 0.5 (0.83 if slightly)
-_LEAST_PX = 0.1  # px of ROWS rows: smaller turns between frames do not show the offset of a log
-_NO_SIGNAL = 0.01  # share of the log's turns: less counts as no signal
-_CANDIDATES, _CLOSE, _RIVAL = 3, 0.3, 1.1  # offsets to adjust; their distance, and their largest initial cost ratio
-_BETTER = 0.95  # share of the first one's noise that a rival must not exceed
-_ROUNDS = 20  # of all adjustments of a clip, usually
-_SURE_RATIO, _RATIOS = 0.02, (0.02, 1.03)  # maximum error of an accepted ratio, and the possible range of ratios
+
+
+@dataclass(frozen=True)
+class AlignmentParams:
+    """How a log is aligned with a clip, and when it is used (docs/research/clips.md)."""
+
+    focals: tuple[float, float] = (0.25, 6.0)  # shortest and longest, as multiples of the usual one
+    lag_s: float = 0.004  # spacing of the offsets to try
+    long_lag_s: float = 0.008  # their spacing if there are many
+    many_lags: int = 20_000  # offsets
+    lags_at_once: int = 1 << 14  # offsets
+    finer: int = 4  # a log is sampled at this fraction of their spacing
+    margin_s: float = 2.0  # at both ends of the part of a log that is adjusted
+    # minimum correlation. Measured: real clips 0.97 or more, stabilised ones up to 0.5 (0.83 if slightly)
+    follows: float = 0.84
+    least_px: float = 0.1  # px of ROWS rows: smaller rotations between frames do not show the offset of a log
+    no_signal: float = 0.01  # share of the log's rotations: less counts as no signal
+    candidates: int = 3  # offsets to adjust
+    close: float = 0.3  # their least distance [pairs of frames]
+    rival: float = 1.1  # their largest initial cost ratio
+    better: float = 0.95  # share of the first one's noise that a rival must not exceed
+    rounds: int = 20  # of all adjustments of a clip, usually
+    sure_ratio: float = 0.02  # maximum error of an accepted ratio
+    ratios: tuple[float, float] = (0.02, 1.03)  # possible range of ratios
+
+
+_PARAMS = AlignmentParams()
 
 
 @dataclass(frozen=True)
@@ -236,9 +252,9 @@ class Synchronisation:
     """Alignment of a log with a clip, and how well the clip follows the log."""
 
     adjusted: Adjusted  # the alignment with its errors
-    # correlation of the turns of frames with the log's; of the turns or of their changes, whichever is less
+    # correlation of the rotations of frames with the log's; of the rotations or of their changes, whichever is less
     follows: float
-    turns_px: float  # size of the turns between frames in the log, without the constant part [px of ROWS rows]
+    rotations_px: float  # size of the rotations between frames in the log, without the constant part [px of ROWS rows]
     ratio_known: bool  # whether the readout ratio was known beforehand
 
     @property
@@ -249,18 +265,20 @@ class Synchronisation:
     @property
     def reason(self) -> Reason | None:
         """The reason why the log must not be used; None if the clip follows it."""
-        if self.turns_px < _LEAST_PX:
+        if self.rotations_px < _PARAMS.least_px:
             return Reason(Code.GYRO_TOO_CALM)
-        if self.follows < _FOLLOWS:
+        if self.follows < _PARAMS.follows:
             return Reason.of(Code.GYRO_DISAGREES, correlation=max(self.follows, 0.0))
         return None
 
     @property
     def shows_ratio(self) -> bool:
         """Whether the clip and its log determine the readout ratio."""
-        shortest, longest = _RATIOS
+        shortest, longest = _PARAMS.ratios
         possible = shortest < self.alignment.ratio < longest
-        return not self.ratio_known and self.reason is None and possible and self.adjusted.ratio_error < _SURE_RATIO
+        return (
+            not self.ratio_known and self.reason is None and possible and self.adjusted.ratio_error < _PARAMS.sure_ratio
+        )
 
 
 def synchronised(
@@ -283,7 +301,8 @@ def synchronised(
     """
     tracks = pairs[0].tracks
     usual = focal_px or usual_focal(tracks)
-    lag = _LAG_S if sum(last - first for first, last in offsets_s) < _LAG_S * _MANY_LAGS else _LONG_LAG_S
+    lags = sum(last - first for first, last in offsets_s) / _PARAMS.lag_s
+    lag_s = _PARAMS.lag_s if lags < _PARAMS.many_lags else _PARAMS.long_lag_s
     at = float(np.mean([pair.begin_s for pair in pairs]))
     begun = GUESSED_RATIO if ratio is None else ratio
     starts = [
@@ -297,9 +316,9 @@ def synchronised(
             ratio=begun,
             interval_s=interval_s,
         )
-        for axes, offset_s, coarse_px in _coarse(log, pairs, offsets_s, lag, usual)
+        for axes, offset_s, coarse_px in _coarse(log, pairs, offsets_s, lag_s, usual)
     ]
-    ends = min(pair.begin_s for pair in pairs) - _MARGIN_S, max(pair.end_s for pair in pairs) + _MARGIN_S
+    ends = min(pair.begin_s for pair in pairs) - _PARAMS.margin_s, max(pair.end_s for pair in pairs) + _PARAMS.margin_s
     solved = []
     for start in starts:
         part = log.between(start.offset_s + ends[0], start.offset_s + ends[1])
@@ -307,17 +326,17 @@ def synchronised(
         solved.append((adjustment.solve(start, count), part))
     (adjusted, part), *rivals = solved
     for rival, beside in rivals:
-        adjusted, part = (rival, beside) if rival.noise_px < _BETTER * adjusted.noise_px else (adjusted, part)
-    follows, turns_px = _agreement(part, pairs, adjusted.alignment)
-    return Synchronisation(adjusted, follows, turns_px, ratio is not None)
+        adjusted, part = (rival, beside) if rival.noise_px < _PARAMS.better * adjusted.noise_px else (adjusted, part)
+    follows, rotations_px = _agreement(part, pairs, adjusted.alignment)
+    return Synchronisation(adjusted, follows, rotations_px, ratio is not None)
 
 
 def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tuple[float, float]:
-    """Correlates frames' turns with the log's (see :class:`Synchronisation`); also returns the size of the latter.
+    """Correlates frames' rotations with the log's (see :class:`Synchronisation`); also returns the size of the latter.
 
-    The turns are those shown by the tracks, and those that the tracks would show according to the log: if every row
+    The rotations are those shown by the tracks, and those that the tracks would show according to the log: if every row
     of a frame turned differently, they are only a mean. The correlation between two halves of the tracks shows how much
-    of the picture's turns is not noise.
+    of the picture's rotations is not noise.
     """
     scale = np.array([1, 1, _HALF / alignment.focal_px])
     gyro = GyroRotations(log, alignment)
@@ -344,13 +363,13 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
 
 
 def _correlation(seen: np.ndarray, rotated: np.ndarray) -> float:
-    """Correlates both halves [n, 2, 3] of the seen turns with the logged turns [n, 3]; 1 if there is only noise."""
+    """Correlates both halves [n, 2, 3] of seen rotations with those of the log [n, 3]; 1 if there is only noise."""
     signal = (seen[:, 0] * seen[:, 1]).sum()
     logged = (rotated**2).sum()
-    if logged < len(rotated) * _LEAST_PX**2:
+    if logged < len(rotated) * _PARAMS.least_px**2:
         return 1.0
     together = (seen.mean(axis=1) * rotated).sum()
-    return float(min(together / np.sqrt(max(signal, _NO_SIGNAL * logged) * logged), 1.0))
+    return float(min(together / np.sqrt(max(signal, _PARAMS.no_signal * logged) * logged), 1.0))
 
 
 # ---- search over offsets and orientations of the axes -----------------------------------------------------------
@@ -368,7 +387,7 @@ def _ways() -> np.ndarray:
 
 
 def frame_rotations(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
-    """Fits turns about three axes and growth to a pair of frames [px of ROWS rows: angle times focal length]."""
+    """Fits rotations about three axes and growth to a pair of frames [px of ROWS rows: angle times focal length]."""
     jacobian, moved = track_jacobian(pair.tracks, focal_px)
     jacobian = jacobian.reshape(-1, 4)
     moved = moved.ravel()
@@ -391,38 +410,38 @@ def _coarse(
     ways = _ways()
     tried = []
     for first, last in offsets_s:
-        for start in np.arange(first, last + lag_s, _LAGS_AT_ONCE * lag_s):
-            lags = np.arange(start, min(start + (_LAGS_AT_ONCE - 0.5) * lag_s, last + lag_s), lag_s)
-            sums = _sums(log, seen, begin, end, lags[0], lag_s / _FINER, len(lags) * _FINER)
-            cross, energy = (each[::_FINER] for each in sums)
+        for start in np.arange(first, last + lag_s, _PARAMS.lags_at_once * lag_s):
+            lags = np.arange(start, min(start + (_PARAMS.lags_at_once - 0.5) * lag_s, last + lag_s), lag_s)
+            sums = _sums(log, seen, begin, end, lags[0], lag_s / _PARAMS.finer, len(lags) * _PARAMS.finer)
+            cross, energy = (each[:: _PARAMS.finer] for each in sums)
             along = np.einsum("lij,wij->lwi", cross, ways)
             power = np.einsum("lj,wij->lwi", energy, np.abs(ways))
             sideways = along[..., 0] + along[..., 1]
             width = power[..., 0] + power[..., 1]
-            focal = np.clip(sideways / (width + 1e-12), _FOCALS[0] * focal_px, _FOCALS[1] * focal_px)
+            focal = np.clip(sideways / (width + 1e-12), _PARAMS.focals[0] * focal_px, _PARAMS.focals[1] * focal_px)
             cost = (seen**2).sum() + focal**2 * width - 2 * focal * sideways
             cost += _HALF**2 * power[..., 2] - 2 * _HALF * along[..., 2]
             best = np.arange(len(lags)), cost.argmin(axis=1)
             tried.append((lags, cost[best], best[1], focal[best]))
     lags, cost, way, focal = (np.concatenate(each) for each in zip(*tried, strict=True))
-    most = cost.min() + (_RIVAL - 1) * abs(cost.min())
+    most = cost.min() + (_PARAMS.rival - 1) * abs(cost.min())
     found = []
-    while len(found) < _CANDIDATES and cost.min() <= most:
+    while len(found) < _PARAMS.candidates and cost.min() <= most:
         k = cost.argmin()
         found.append((ways[way[k]], float(lags[k]), float(focal[k])))
-        cost[np.abs(lags - lags[k]) < _CLOSE * float(np.median(end - begin))] = np.inf
+        cost[np.abs(lags - lags[k]) < _PARAMS.close * float(np.median(end - begin))] = np.inf
     return found
 
 
 def _sums(
     log: GyroLog, seen: np.ndarray, begin: np.ndarray, end: np.ndarray, first_s: float, step_s: float, lags: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over pairs the products of seen and logged turns [lags, 3, 3], and the squares of the latter [lags, 3].
+    """Sums over pairs the products of seen and logged rotations [lags, 3, 3], and the squares of the latter [lags, 3].
 
     As correlations along the log, by Fourier transforms: a long log is compared at a million offsets.
 
     Args:
-        seen: turns of the pairs [pairs, 3].
+        seen: rotations of the pairs [pairs, 3].
         begin, end: times of their frames [s].
         first_s, step_s, lags: the first offset, the distance to the next [s], and their number.
     """

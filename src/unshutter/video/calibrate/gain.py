@@ -29,11 +29,11 @@ from unshutter.motion.verdict import undone_part
 from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.calibrate.camera_path import camera_motion, small_finding, window_for
+from unshutter.video.calibrate.motion_estimation import camera_motion, small_finding, window_for
 from unshutter.video.calibrate.readout_regression import PairMotion, fit_robustly
 from unshutter.video.calibrate.sampled_frames import TrackedFrame, tracked_copies
 from unshutter.video.file.clip import ClipRequest
-from unshutter.video.file.work import Stage, Steps
+from unshutter.video.file.stages import Stage, Steps
 from unshutter.video.gyro.synchronisation import GyroRotations
 
 _HELD_OUT = 4  # every fourth track

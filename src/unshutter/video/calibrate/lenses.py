@@ -129,26 +129,37 @@ def _value(text: str, names: Sequence[str], form: str) -> str:
 # frames of a part; the first is examined roughly, the next if lines may be bent, all if that is too vague
 PART = 13
 FIRST, FURTHER = 2 * PART, 4  # frames of the first two parts, and number of parts after these
-_MIN_PAIRS = 10  # pairs of frames
-_LEAST_TRACKS, _ROUGHLY = 40, 60  # of a pair; as many are looked at first
-_LEAST_MOVED_PX = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
-_BENDS, _WIDEST = (0.8, 0.4, 0.1, -0.2), 1.1  # tried first; how far a lens is described, in distances of the corner
+
+
+@dataclass(frozen=True)
+class LensParams:
+    """How a lens is found in frames, and when it is used (docs/research/lenses.md; lab/benchmarks/clip_lenses.py)."""
+
+    min_pairs: int = 10  # pairs of frames
+    min_tracks: int = 40  # of a pair
+    rough_tracks: int = 60  # tracks of a pair that are looked at first
+    least_moved_px: float = 0.5  # px of ROWS rows: a pair that moves by less tells nothing
+    bends: tuple[float, ...] = (0.8, 0.4, 0.1, -0.2)  # tried first
+    widest: float = 1.1  # how far a lens is described, in distances of the corner
+    spread: float = 1.0  # prior: standard deviation of the focal length's logarithm
+    rough: tuple[float, int] = (0.1, 3)  # roughly: first step of both unknowns, and rounds of Newton's method
+    exact: tuple[float, int] = (0.05, 8)  # the same, exactly
+    rough_weighings: int = 2  # rounds of the tracks' weights, roughly
+    weighings: int = 4  # and exactly
+    finest: float = 0.03  # step at which Newton's method may end
+    common: float = 20.0  # divisor of the evidence: errors of tracks are correlated
+    sure: float = 8.0  # by so much must a bent lens explain the tracks better than one that keeps lines straight
+    hopeless: float = 0.25  # share of that, at the rough look
+    # largest standard deviation of the corner's distance from the middle, as a share of it: to end the search
+    sure_corner: float = 0.01
+    sure_enough: float = 0.02  # and at its end
+
+
+_PARAMS = LensParams()
+
 _FOCALS = tuple(USUAL_FOCAL * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
-_SPREAD = 1.0  # prior: standard deviation of the focal length's logarithm
-# roughly, and then exactly: first step of both unknowns and rounds of Newton's method; rounds of the tracks' weights
-_ROUGH = (0.1, 3)
-_EXACT = (0.05, 8)
-_ROUGH_WEIGHINGS = 2
-_WEIGHINGS = 4
 _FOCAL_ONLY = np.array([[0.0, 1.0]])  # a lens that keeps lines straight has no other unknown
-_FINEST = 0.03  # step at which Newton's method may end
-_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated
-_SURE = 8.0  # by so much must a bent lens explain the tracks better than one that keeps lines straight
-_HOPELESS = 0.25  # share of that, at the rough look
 _NARROW = np.radians(20)  # from the axis to the corner: such lenses do not bend lines, or the camera moved sideways
-# largest standard deviation of the corner's distance from the middle, as a share of it: to end the search; at its end
-_SURE_CORNER = 0.01
-_SURE_ENOUGH = 0.02
 
 
 def lens_in_survey(evidence: SampledFrames) -> Lens | None:
@@ -169,41 +180,40 @@ def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
 def may_bend_lines(evidence: SampledFrames) -> bool:
     """Whether a look at a clip's first frames leaves it open that its lens bends lines."""
     pairs = _moving(_shown(evidence.parts[0][: PART + 1])) if evidence.parts else []
-    return len(pairs) < _MIN_PAIRS or _may_bend(pairs)
+    return len(pairs) < _PARAMS.min_pairs or _may_bend(pairs)
 
 
 def _may_bend(pairs: Sequence[Tracks]) -> bool:
-    return _roughly(pairs)[0] >= _HOPELESS * _SURE / 2
+    return _roughly(pairs)[0] >= _PARAMS.hopeless * _PARAMS.sure / 2
 
 
 def _lens_in(first: Iterable[Tracks], *others: Iterable[Tracks]) -> Lens | None:
     """Finds the lens in tracks of some frames, or of more if it is too vague in those."""
     pairs = _moving(first)
-    if len(pairs) >= _MIN_PAIRS and not _may_bend(pairs):
+    if len(pairs) >= _PARAMS.min_pairs and not _may_bend(pairs):
         return None
     for part in others:
         pairs += _moving(part)
         lens = lens_of_tracks(pairs)
-        if lens is None or lens.error < _SURE_CORNER:
+        if lens is None or lens.error < _PARAMS.sure_corner:
             return lens
-    return lens if lens.error < _SURE_ENOUGH else None
+    return lens if lens.error < _PARAMS.sure_enough else None
 
 
 def _moving(pairs: Iterable[Tracks]) -> list[Tracks]:
     """Returns the pairs of frames that may show the lens."""
-    shifts = ((pair, np.hypot(*(pair.end - pair.start).T)) for pair in pairs if len(pair) >= _LEAST_TRACKS)
-    return [pair for pair, shift in shifts if np.median(shift) * ROWS / pair.height > _LEAST_MOVED_PX]
+    shifts = ((pair, np.hypot(*(pair.end - pair.start).T)) for pair in pairs if len(pair) >= _PARAMS.min_tracks)
+    return [pair for pair, shift in shifts if np.median(shift) * ROWS / pair.height > _PARAMS.least_moved_px]
 
 
 def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Returns by how much a bent lens explains moving tracks better than one that keeps lines straight, as few of them
-    show, and either lens.
-    """
-    few = [fewer(pair, _ROUGHLY) for pair in pairs]
-    turning = _Turning.of(few, _ROUGH_WEIGHINGS)
+    """Fits both kinds of lens to a few of the tracks; returns their difference in log-likelihood, and either lens."""
+    few = [fewer(pair, _PARAMS.rough_tracks) for pair in pairs]
+    turning = _Turning.of(few, _PARAMS.rough_weighings)
     focals = turning.usual + np.log(_FOCALS) - np.log(USUAL_FOCAL)
-    straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_ROUGH)
-    bent, _ = turning.highest([np.array([bend, focal]) for bend in _BENDS for focal in focals], np.eye(2), *_ROUGH)
+    straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_PARAMS.rough)
+    starts = [np.array([bend, focal]) for bend in _PARAMS.bends for focal in focals]
+    bent, _ = turning.highest(starts, np.eye(2), *_PARAMS.rough)
     if bent[1] > np.log(turning.corner * ROWS / np.tan(_NARROW)):
         return -np.inf, straight, bent
     share = sum(map(len, few)) / sum(map(len, pairs))
@@ -215,15 +225,15 @@ def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
     do not tell.
     """
     pairs = _moving(pairs)
-    if len(pairs) < _MIN_PAIRS:
+    if len(pairs) < _PARAMS.min_pairs:
         return None
     advantage, straight, bent = _roughly(pairs)
-    if advantage < _HOPELESS * _SURE:
+    if advantage < _PARAMS.hopeless * _PARAMS.sure:
         return None
-    turning = _Turning.of(pairs, _WEIGHINGS)
-    straight, _ = turning.highest([straight], _FOCAL_ONLY, *_EXACT)
-    best, covariance = turning.highest([bent], np.eye(2), *_EXACT)
-    if turning.height(best) - turning.height(straight) < _SURE:
+    turning = _Turning.of(pairs, _PARAMS.weighings)
+    straight, _ = turning.highest([straight], _FOCAL_ONLY, *_PARAMS.exact)
+    best, covariance = turning.highest([bent], np.eye(2), *_PARAMS.exact)
+    if turning.height(best) - turning.height(straight) < _PARAMS.sure:
         return None
     lens = turning.lens(best)
     corner = turning.corner / lens.focal
@@ -271,7 +281,7 @@ class _Turning:
         bend = float(at[0])
         focal = float(np.exp(at[1])) / ROWS
         root = max(abs(bend), 1e-9) ** 0.5
-        reach = _WIDEST * root * self.corner / focal
+        reach = _PARAMS.widest * root * self.corner / focal
         angles = np.linspace(0.02, 1, 40) * (np.arctan(reach) if bend > 0 else np.arctanh(min(reach, 0.97))) / root
         seen = (np.tan if bend > 0 else np.tanh)(root * angles) / root
         k1, k2, k3, k4 = np.linalg.lstsq(angles[:, None] ** [2, 4, 6, 8], seen / angles - 1, rcond=None)[0].tolist()
@@ -306,7 +316,7 @@ class _Turning:
             tried += [at + sign * move for sign in (1, -1) for move in moves]
             better = max(tried, key=self.height)
             if self.height(better) < here + 0.02:
-                if step < _FINEST:
+                if step < _PARAMS.finest:
                     break
                 step = step / 3
             else:
@@ -317,7 +327,7 @@ class _Turning:
     def height(self, at: Float64[np.ndarray, "2"]) -> float:
         """Returns the log probability of a lens given the tracks, up to a constant."""
         if (key := tuple(at.tolist())) not in self._heights:
-            self._heights[key] = self._evidence(at) - 0.5 * float((at[1] - self.usual) / _SPREAD) ** 2
+            self._heights[key] = self._evidence(at) - 0.5 * float((at[1] - self.usual) / _PARAMS.spread) ** 2
         return self._heights[key]
 
     def _evidence(self, at: Float64[np.ndarray, "2"]) -> float:
@@ -340,7 +350,7 @@ class _Turning:
             squared = (left.reshape(*self.used.shape, 2) ** 2).sum(axis=-1)
             weights, noise = student_weights(squared, self.used, noise)
         each = student_log_likelihoods(squared[self.used], noise)
-        return float(each.sum()) / _COMMON
+        return float(each.sum()) / _PARAMS.common
 
 
 # ---- the table of lens profiles --------------------------------------------------------------------------------

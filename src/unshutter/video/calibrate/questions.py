@@ -16,7 +16,7 @@ from unshutter.video.calibrate import readout_time as readout
 from unshutter.video.calibrate.readout_time import listed_time, regression_in_survey
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.clip import ClipRequest
-from unshutter.video.file.work import Stage, Steps
+from unshutter.video.file.stages import Stage, Steps
 from unshutter.video.gyro.gyro_log import GyroLog
 
 Log: TypeAlias = GyroLog | clip_gyro.ClipGyro | None

@@ -29,26 +29,34 @@ from unshutter.motion.robust import falling_weights
 from unshutter.motion.shapes import Bool, Float64
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 
-_MIN_TRACKS = 30  # of a pair of frames
-_LEAST_SPREAD = 0.5  # of their rows, as a share of the height
-_REPEATED_PX = 0.01  # a picture that moves by less is a copy
-_SHORTEST_RUN = 7  # pairs in a row: fewer have no path
-_END = 2  # pairs at both ends of a run that are left out: a spline's ends are unsure
-FEWEST_PAIRS = 15  # of a regression
-_LAG = 3  # pairs over which errors may be correlated
-_SHIFTS = (-17, -13, -11, -9, -7, 7, 9, 11, 13, 17)  # frames, of the first control
-_UNEVEN = 0.6  # intervals: pairs whose frames are farther apart than usual by this are left out
-_ROUNDS = 8  # of reweighting
-_SURE, _NONE = 6.0, 0.05  # t above which a readout is certain; ratio below which there is none
-_PRECISE = 20.0  # t above which the ratio's error is below 5 %
-_NONE_ERROR = 0.02  # largest standard error of a ratio that is none
-# t above which a ratio is likely, and the largest error that it may have; error at which any readout would show
-_LIKELY = 3.0
-_LIKELY_ERROR = 0.1
-_WOULD_SHOW = 0.15
-# of the ratio: what is left where errors are small, since a spline misses fast shaking, and the middle of the picture
-# moves more slowly than its sides (14 rendered clips: off by 9 %, root mean square, and 7 % too large on average)
-_MODEL_ERROR = 0.08
+
+@dataclass(frozen=True)
+class RegressionParams:
+    """What counts in a regression, and when its answer does (docs/research/clips.md; lab/benchmarks/real_clips.py)."""
+
+    min_tracks: int = 30  # of a pair of frames
+    least_spread: float = 0.5  # of their rows, as a share of the height
+    repeated_px: float = 0.01  # a picture that moves by less is a copy
+    shortest_run: int = 7  # pairs in a row: fewer have no path
+    end: int = 2  # pairs at both ends of a run that are left out: a spline's ends are unsure
+    min_pairs: int = 15  # of a regression
+    lag: int = 3  # pairs over which errors may be correlated
+    shifts: tuple[int, ...] = (-17, -13, -11, -9, -7, 7, 9, 11, 13, 17)  # frames, of the first control
+    uneven: float = 0.6  # intervals: pairs whose frames are farther apart than usual by this are left out
+    rounds: int = 8  # of reweighting
+    sure: float = 6.0  # t above which a readout is certain
+    precise: float = 20.0  # t above which the ratio's error is below 5 %
+    likely: float = 3.0  # t above which a ratio is likely
+    likely_error: float = 0.1  # largest error of a likely ratio
+    none: float = 0.05  # ratio below which there is none
+    none_error: float = 0.02  # largest standard error of a ratio that is none
+    would_show: float = 0.15  # error at which any readout would show
+    # of the ratio, where errors are small: a spline misses fast shaking, and the middle of the picture moves more
+    # slowly than its sides (14 rendered clips: off by 9 %, root mean square, and 7 % too large on average)
+    model_error: float = 0.08
+
+
+_PARAMS = RegressionParams()
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,7 @@ class PairMotion:
     @property
     def moved(self) -> bool:
         """Whether the second frame is another one than the first: encoders repeat frames to fill gaps."""
-        return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _REPEATED_PX
+        return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _PARAMS.repeated_px
 
     @classmethod
     def through_lens(cls, tracks: Tracks) -> PairMotion | None:
@@ -76,7 +84,7 @@ class PairMotion:
         start = tracks.start
         moved = tracks.end - tracks.start
         half = (tracks.height - 1) / 2
-        if len(start) < _MIN_TRACKS or np.ptp(start[:, 1]) < 2 * _LEAST_SPREAD * half:
+        if len(start) < _PARAMS.min_tracks or np.ptp(start[:, 1]) < 2 * _PARAMS.least_spread * half:
             return None
         x, y = ((start - [(tracks.width - 1) / 2, half]) / half).T
         none = np.zeros_like(x)
@@ -86,7 +94,7 @@ class PairMotion:
         rows = np.stack([across, down], axis=1)  # [tracks, 2, 8]
         weights = np.ones(len(start))
         unknowns = np.zeros(8)
-        for _ in range(_ROUNDS):
+        for _ in range(_PARAMS.rounds):
             weighted = rows * weights[:, None, None]
             normal = np.einsum("nci,ncj->ij", weighted, rows)
             unknowns = np.linalg.lstsq(normal, np.einsum("nci,nc->i", weighted, moved), rcond=None)[0]
@@ -113,9 +121,9 @@ class Run:
         between = np.asarray(gaps, np.float64)
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(shifts, axis=0)])
         speed = spline_slopes(np.concatenate([[0.0], np.cumsum(between)]), path)
-        used = np.abs(between - np.median(between)) < _UNEVEN
-        used[:_END] = False
-        used[-_END:] = False
+        used = np.abs(between - np.median(between)) < _PARAMS.uneven
+        used[: _PARAMS.end] = False
+        used[-_PARAMS.end :] = False
         shapes = np.array([pair.shape for pair in pairs])
         return cls(shifts / between[:, None], shapes, np.diff(speed, axis=0), used, aspect)
 
@@ -141,7 +149,7 @@ def runs_of(pairs: Iterable[tuple[PairMotion | None, float | None]], aspect: flo
             gaps.append(gap + repeated)
             repeated = 0.0
             continue
-        if len(motions) >= _SHORTEST_RUN:
+        if len(motions) >= _PARAMS.shortest_run:
             runs.append(Run.of(motions, gaps, aspect))
         motions = []
         gaps = []
@@ -185,55 +193,55 @@ class Regression:
     @property
     def readout_ratio(self) -> ReadoutRatio:
         """The ratio of a clip that was read from the top to the bottom, with an error that includes the model's."""
-        error = float(np.hypot(self.error, _MODEL_ERROR * self.rows.ratio))
+        error = float(np.hypot(self.error, _PARAMS.model_error * self.rows.ratio))
         return ReadoutRatio(min(self.rows.ratio, 1.0), error, ReadoutSource.REGRESSION)
 
     @property
     def is_sure(self) -> bool:
         """Whether it is certain that rows were read one after another, and how fast."""
-        return abs(self.t) > _SURE and abs(self.columns.t) < abs(self.rows.t)
+        return abs(self.t) > _PARAMS.sure and abs(self.columns.t) < abs(self.rows.t)
 
     @property
     def is_precise(self) -> bool:
         """Whether that is as certain as more frames of the clip need not make it."""
-        return self.is_sure and abs(self.t) > _PRECISE
+        return self.is_sure and abs(self.t) > _PARAMS.precise
 
     @property
     def is_likely(self) -> bool:
         """Whether rows were probably read one after another, about as fast as the ratio says."""
         quiet = abs(self.columns.t) < abs(self.rows.t) / 2
-        return abs(self.t) > _LIKELY and self.error < _LIKELY_ERROR and quiet
+        return abs(self.t) > _PARAMS.likely and self.error < _PARAMS.likely_error and quiet
 
     @property
     def is_none(self) -> bool:
         """Whether it is certain that all rows were exposed at once, or look as if they had been."""
-        return abs(self.rows.ratio) < _NONE and self.error < _NONE_ERROR
+        return abs(self.rows.ratio) < _PARAMS.none and self.error < _PARAMS.none_error
 
     @property
     def is_turned(self) -> bool:
         """Whether columns were read one after another: the picture was turned by 90 degrees."""
         t = self.columns.t / max(1.0, self.spread)
-        return abs(t) > _SURE and abs(self.columns.t) > 2 * abs(self.rows.t)
+        return abs(t) > _PARAMS.sure and abs(self.columns.t) > 2 * abs(self.rows.t)
 
     @property
     def wobbles(self) -> bool:
         """Whether rows were probably read one after another, from the top, however fast."""
-        return self.t > _LIKELY and abs(self.columns.t) < abs(self.rows.t)
+        return self.t > _PARAMS.likely and abs(self.columns.t) < abs(self.rows.t)
 
     @property
     def would_show(self) -> bool:
         """Whether the clip would show a rolling shutter by now, if it had one."""
-        return self.error < _WOULD_SHOW
+        return self.error < _PARAMS.would_show
 
 
 def regression(runs: Sequence[Run]) -> Regression | None:
     """Returns the readout ratio that the pairs of some runs show, or None if they are too few."""
     pairs = int(sum(run.used.sum() for run in runs))
-    if pairs < FEWEST_PAIRS:
+    if pairs < _PARAMS.min_pairs:
         return None
     rows, explained = _of_rows(runs)
     columns, _ = _of_rows([_turned(run) for run in runs])
-    shifted = [_of_rows(runs, shift)[0].t for shift in _SHIFTS]
+    shifted = [_of_rows(runs, shift)[0].t for shift in _PARAMS.shifts]
     spread = float(np.sqrt(np.mean(np.square(shifted))))
     wobble = abs(rows.ratio) * float(np.sqrt(2 * np.mean(explained**2)))
     return Regression(rows, columns, spread, pairs, wobble)
@@ -251,8 +259,8 @@ def _of_rows(runs: Sequence[Run], shift: int = 0) -> tuple[Estimate, Float64[np.
     used = [run.used for run in runs]
     shapes = np.concatenate([run.shapes[use] for run, use in zip(runs, used, strict=True)])
     speeds = np.concatenate([run.shifts[use] for run, use in zip(runs, used, strict=True)])
-    changes = [np.roll(run.changes[_END:-_END] / 2, shift, axis=0) for run in runs]
-    changes = np.concatenate([each[use[_END:-_END]] for each, use in zip(changes, used, strict=True)])
+    changes = [np.roll(run.changes[_PARAMS.end : -_PARAMS.end] / 2, shift, axis=0) for run in runs]
+    changes = np.concatenate([each[use[_PARAMS.end : -_PARAMS.end]] for each, use in zip(changes, used, strict=True)])
     values: list[np.ndarray] = []
     rows: list[np.ndarray] = []
     own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
@@ -276,7 +284,7 @@ def fit_robustly(
     weights = np.ones(len(values))
     unknowns = np.zeros(rows.shape[1])
     left = values
-    for _ in range(_ROUNDS):
+    for _ in range(_PARAMS.rounds):
         root = np.sqrt(weights)
         unknowns = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
         left = values - rows @ unknowns
@@ -285,9 +293,9 @@ def fit_robustly(
     inverse = np.linalg.pinv((rows * weights[:, None]).T @ rows)
     scores = rows * (weights * left)[:, None]
     scatter = scores.T @ scores
-    for step in range(1, _LAG + 1):
+    for step in range(1, _PARAMS.lag + 1):
         beside = scores[step:].T @ scores[:-step]
-        scatter += (1 - step / (_LAG + 1)) * (beside + beside.T)
+        scatter += (1 - step / (_PARAMS.lag + 1)) * (beside + beside.T)
     covariance = inverse @ scatter @ inverse * len(values) / max(len(values) - rows.shape[1], 1)
     return unknowns, np.sqrt(np.maximum(np.diag(covariance), 1e-18)), left
 

@@ -22,7 +22,7 @@ from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.readout_regression import Regression, Run, regression, runs_of
 from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
 from unshutter.video.file.clip import ClipRequest
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 
 PART, _MIN_PAIRS = 60, 20  # frames in a part, and fewest pairs of a usable one
 MOST_PARTS = 12  # of a clip

@@ -18,7 +18,7 @@ from unshutter.motion.lens import Lens
 from unshutter.video.calibrate.readout_regression import PairMotion
 from unshutter.video.file.ahead import ahead
 from unshutter.video.file.clip import ClipRequest
-from unshutter.video.file.work import Stage, Steps
+from unshutter.video.file.stages import Stage, Steps
 
 _AHEAD = 3  # frames
 

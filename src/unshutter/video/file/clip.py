@@ -15,7 +15,7 @@ from unshutter.orientation import ScanDirection
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.video.file.camera_tags import CameraTags
 from unshutter.video.file.pixels import Frame, PixelFormat
-from unshutter.video.file.work import Stage, Steps, Work
+from unshutter.video.file.stages import Stage, Steps, Work
 
 if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8

@@ -21,37 +21,45 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 
-# FFmpeg's name of a codec -> the encoder that writes it
-_ENCODERS = {
-    "h264": "libx264",
-    "hevc": "libx265",
-    "av1": "libsvtav1",
-    "libdav1d": "libsvtav1",
-    "vp9": "libvpx-vp9",
-    "libvpx-vp9": "libvpx-vp9",
-    "prores": "prores_ks",
-}
-_CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
+@dataclass(frozen=True)
+class Codec:
+    """What an encoder of FFmpeg takes."""
+
+    decoders: tuple[str, ...] = ()  # FFmpeg's names of the codec that it writes; those of usual encoders are known
+    crf: tuple[int, int] | None = None  # for results that look like the clip, and for files about half as large
+    presets: tuple[str, ...] = ()  # from fast to slow
+    qscale: int | None = None  # quality without CRF that looks like the clip
+    by_rate: bool = False  # whether it can take the bit rate of a clip of the same codec
+    profiles: dict[str, str] = field(default_factory=dict)  # FFmpeg's name of a profile -> the encoder's
+    has_times: bool = True  # frames have times of their own; otherwise they are only numbered, at a constant rate
+    has_coarse_times: bool = False  # time bases have at most 16 bits
+
+
 _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
-_PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
-_SMALLER_CRF = {
-    "libx264": 23,
-    "libx265": 28,
-    "libsvtav1": 35,
-    "libvpx-vp9": 32,
-}  # the encoders' own defaults; VP9 has none
-_QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
-_BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # encoders that can take the bit rate of a clip of the same codec
-_PROFILES = {
-    "prores_ks": {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"},
-    "dnxhd": {f"DNXHR {each}": f"dnxhr_{each.lower()}" for each in ("LB", "SQ", "HQ", "HQX", "444")},
+_PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
+_DNXHR = {f"DNXHR {each}": f"dnxhr_{each.lower()}" for each in ("LB", "SQ", "HQ", "HQX", "444")}
+_CODECS = {
+    "libx264": Codec(("h264",), (18, 23), _X26X, by_rate=True),
+    "libx265": Codec(("hevc",), (20, 28), _X26X, by_rate=True),
+    "libsvtav1": Codec(("av1", "libdav1d"), (24, 35), tuple(str(k) for k in range(14)), by_rate=True),
+    "libvpx-vp9": Codec(("vp9", "libvpx-vp9"), (24, 32), by_rate=True),
+    "prores_ks": Codec(("prores",), profiles=_PRORES),
+    "dnxhd": Codec(profiles=_DNXHR),
+    "mjpeg": Codec(qscale=2),
+    "mpeg4": Codec(qscale=2, by_rate=True, has_coarse_times=True),
+    "mpeg2video": Codec(qscale=2, by_rate=True, has_times=False),
+    "mpeg1video": Codec(has_times=False),
+    **dict.fromkeys(("msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"), Codec(has_coarse_times=True)),
 }
+_ENCODERS = {decoder: name for name, codec in _CODECS.items() for decoder in codec.decoders}
 REDUCED = {"yuv444p12le": "yuv444p10le", "yuva444p12le": "yuva444p10le"}  # decoded ProRes 4444 -> what is encoded
-_CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # frames are numbered and have no times of their own
-_COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # time bases have at most 16 bits
-_MOST_TICKS = 65_535  # per second, for these
+_MOST_TICKS = 65_535  # per second, of coarse times
 _LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
 _LAMBDA = 118  # FFmpeg's units per quality step
+
+
+def _codec(name: str) -> Codec:
+    return _CODECS.get(name, Codec())
 
 
 @dataclass(frozen=True)
@@ -73,12 +81,13 @@ class Encoder:
         format_ = _checked(name, clip)
         options = _speed(name, encode.preset)
         same_codec = name == _ENCODERS.get(clip.coding.name, clip.coding.name)
-        rate = round(clip.coding.bits_per_s) if same_codec and encode.crf is None and name in _BY_RATE else 0
-        if name in _QSCALE and not rate:
-            return cls(name, format_, options, round(encode.crf) if encode.crf is not None else _QSCALE[name])
-        if name in _CRF and not rate:
-            options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
-        elif encode.crf is not None and name not in _CRF:
+        codec = _codec(name)
+        rate = round(clip.coding.bits_per_s) if same_codec and encode.crf is None and codec.by_rate else 0
+        if codec.qscale is not None and not rate:
+            return cls(name, format_, options, round(encode.crf) if encode.crf is not None else codec.qscale)
+        if codec.crf is not None and not rate:
+            options["crf"] = f"{encode.crf if encode.crf is not None else codec.crf[0]:g}"
+        elif encode.crf is not None and codec.crf is None:
             raise UsageError(f"{name} does not support {{--crf}}: leave it out")
         if name == "libx264" and clip.frame_bytes > _LARGE:
             options["rc-lookahead"] = "4"
@@ -146,12 +155,12 @@ def writable(clip: ClipFacts) -> JsonObject:
     usual = [name for name in dict.fromkeys([*_ENCODERS.values(), "ffv1"]) if _takes(name, clip)]
     described = {
         name: {
-            "presets": list(_PRESETS.get(name, ())),
-            "crf": [_CRF[name], _SMALLER_CRF[name]] if name in _CRF else [],
+            "presets": list(_codec(name).presets),
+            "crf": list(_codec(name).crf or ()),
         }
         for name in (own, *usual)
     }
-    by_rate = own in _BY_RATE and clip.coding.bits_per_s > 0
+    by_rate = _codec(own).by_rate and clip.coding.bits_per_s > 0
     return {"own": own, "keeps_rate": by_rate, "usual": usual, "described": described}
 
 
@@ -184,18 +193,19 @@ def _other_encoder(pixel_format: str) -> str:
 def _speed(name: str, preset: str | None) -> dict[str, str]:
     if preset is None:
         return {}
-    if name not in _PRESETS:
+    presets = _codec(name).presets
+    if not presets:
         raise UsageError(f"{name} has no presets: leave out {{--preset}}")
-    if preset not in _PRESETS[name]:
-        raise UsageError(f"{name} has no preset '{shortened(preset)}': choose one of {', '.join(_PRESETS[name])}")
+    if preset not in presets:
+        raise UsageError(f"{name} has no preset '{shortened(preset)}': choose one of {', '.join(presets)}")
     return {"preset": preset}
 
 
 def _time_base(name: str, video_base: Fraction, rate: Fraction) -> Fraction:
     """Returns the time base for an encoder: the video's own if the encoder supports it."""
-    if name in _CONSTANT_RATE:
+    if not _codec(name).has_times:
         return 1 / rate
-    if name in _COARSE and video_base.denominator > _MOST_TICKS:
+    if _codec(name).has_coarse_times and video_base.denominator > _MOST_TICKS:
         rate = rate.limit_denominator(1001)
         return Fraction(1, rate.numerator * max(_MOST_TICKS // rate.numerator, 1))
     return video_base
@@ -207,8 +217,9 @@ def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:
     tag = coding.tag
     if tagged and tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4:
         context.codec_tag = tag
-    if coding.profile in _PROFILES.get(context.name, {}):
-        stream.options["profile"] = _PROFILES[context.name][coding.profile]
+    profile = _codec(context.name).profiles.get(coding.profile or "")
+    if profile is not None:
+        stream.options["profile"] = profile
 
 
 # ---- mastering display ---------------------------------------------------------------------------------

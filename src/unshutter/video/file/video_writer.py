@@ -29,7 +29,7 @@ from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.containers import COVER, VideoFile, opened, time_of
 from unshutter.video.file.encoders import REDUCED, Encoder, others_for
 from unshutter.video.file.pixels import upright
-from unshutter.video.file.work import Stage, Work
+from unshutter.video.file.stages import Stage, Work
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame

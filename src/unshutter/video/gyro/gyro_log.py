@@ -141,7 +141,7 @@ class GyroLog:
 
 
 def chained(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:
-    """Computes the products turns[0], turns[1] turns[0], ..., in parallel blocks that are joined afterwards."""
+    """Computes the products R0, R1 R0, R2 R1 R0 ..., in parallel blocks that are joined afterwards."""
     block = max(1, int(np.sqrt(len(rotations))))
     padded = np.concatenate([rotations, np.broadcast_to(np.eye(3), (-len(rotations) % block, 3, 3))])
     blocks = padded.reshape(-1, block, 3, 3).copy()
@@ -296,7 +296,9 @@ class Alignment:
         since = frame_s - self.at_s
         return frame_s + self.offset_s + self.drift * since + self.ratio * self.interval_s * (row - 0.5)
 
-    def turned(self, device: Float64[np.ndarray, "*at 3 3"], lasted_s: Float64[np.ndarray, "*at"]) -> np.ndarray:
-        """Converts turns in the device's axes to turns [..., 3, 3] in the camera's axes, without the log's bias."""
+    def to_camera_axes(
+        self, device: Float64[np.ndarray, "*at 3 3"], lasted_s: Float64[np.ndarray, "*at"]
+    ) -> Float64[np.ndarray, "*at 3 3"]:
+        """Converts rotations in the device's axes to those in the camera's axes, without the log's bias."""
         rest = rotation_matrix(self.bias * np.asarray(lasted_s)[..., None])
         return rest @ (self.axes @ device @ self.axes.T)

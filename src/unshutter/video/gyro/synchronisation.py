@@ -9,7 +9,7 @@ Translation adds an unknown motion to each pair of frames, whose size is estimat
 small, and whole frames are informative; if it walks, the differences between rows of a frame still are. It is modelled
 as the motion of a plane (eight numbers), with a part that is constant or changes linearly over the clip.
 
-``GyroTurns`` is the result: the turn of every row, which is removed from tracks.
+``GyroRotations`` is the result: the rotation of every row, which is removed from tracks.
 """
 
 from __future__ import annotations
@@ -31,18 +31,30 @@ from unshutter.progress import Count, uncounted
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog, Pair
 
 _HALF = ROWS / 2
-_ROUNDS = 20
-_NEGLIGIBLE = 0.05  # standard deviations: smaller changes of unknowns count as none
-_MOST_TRACKS = 40  # per pair: more only take longer
-_STRETCH = 8  # number of consecutive pairs of frames with correlated errors
-_COMMON = 4.0  # errors of tracks are correlated: n tracks count as n / _COMMON
+
+
+@dataclass(frozen=True)
+class AdjustmentParams:
+    """How an alignment is adjusted."""
+
+    rounds: int = 20
+    negligible: float = 0.05  # standard deviations: smaller changes of unknowns count as none
+    most_tracks: int = 40  # per pair: more only take longer
+    stretch: int = 8  # number of consecutive pairs of frames with correlated errors
+    common: float = 4.0  # errors of tracks are correlated: n tracks count as n / common
+    begun_px: float = 3.0  # size of each pair's own motion at the start
+    steady_px: float = 100.0  # of its steady part
+    spreads_px: tuple[float, float] = (1e-3, 10.0)  # least and greatest
+
+
+_PARAMS = AdjustmentParams()
+
 # Unknowns: tilt of the axes (3) [rad], offset [s], drift, bias (3) [rad/s], logarithm of the focal length, ratio.
 _FOCAL = 8
 _RATIO = 9
 _PRIORS = [0.15] * 3 + [0.1, 3e-4] + [0.02] * 3 + [0.5, 0.3]  # standard deviations of the changes
 _STEPS = np.diag([1e-4] * 3 + [1e-4, 1e-5] + [1e-4] * 3 + [1e-3] * 2)  # steps of numerical differentiation
 _MOST_CHANGE = np.array([0.1] * 3 + [0.01, 1e-3] + [0.02] * 3 + [0.15, 0.2])  # per round
-_BEGUN_PX, _STEADY_PX, _SPREADS_PX = 3.0, 100.0, (1e-3, 10.0)  # size of each pair's own motion; its steady part
 _COMMONS = 8  # parameters of the motion of a plane between two frames
 
 
@@ -60,14 +72,14 @@ class Adjustment:
     """The tracks of a clip and the log that should predict them."""
 
     log: GyroLog
-    pairs: Sequence[Pair]  # tracks between frames; at most ``_MOST_TRACKS`` of each pair are used
+    pairs: Sequence[Pair]  # tracks between frames; at most ``_PARAMS.most_tracks`` of each pair are used
     usual_focal_px: float  # expected focal length [px of ROWS rows]
     focal_known: bool = False  # whether to keep the focal length fixed
     ratio_known: bool = False  # whether to keep the readout ratio fixed
     _rotations: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self.pairs = [replace(pair, tracks=fewer(pair.tracks, _MOST_TRACKS)) for pair in self.pairs]
+        self.pairs = [replace(pair, tracks=fewer(pair.tracks, _PARAMS.most_tracks)) for pair in self.pairs]
         ends, self.used = padded_ends([pair.tracks for pair in self.pairs])
         self.ends = ends * ROWS / self.pairs[0].tracks.height  # px of ROWS rows
 
@@ -85,9 +97,9 @@ class Adjustment:
         return tracks.width * ROWS / tracks.height
 
     def predicted(self, alignment: Alignment) -> np.ndarray:
-        """Predicts the ends of tracks [pairs, most, 2] [px of ROWS rows] from the turns in the log."""
+        """Predicts the ends of tracks [pairs, most, 2] [px of ROWS rows] from the rotations in the log."""
         middle = np.array([self.width / 2, _HALF])
-        rotated = alignment.turned(*self.gyro_rotations(alignment))
+        rotated = alignment.to_camera_axes(*self.gyro_rotations(alignment))
         return _seen((self.ends[0] - middle) / alignment.focal_px, rotated, self.lens) * alignment.focal_px + middle
 
     @property
@@ -96,7 +108,7 @@ class Adjustment:
         return self.pairs[0].tracks.lens
 
     def gyro_rotations(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
-        """Returns turns of the device between the rows of each track [pairs, most, 3, 3], and their durations [s]."""
+        """Returns the device's rotations between the rows of each track [pairs, most, 3, 3], and how long they took [s]."""
         clock = (alignment.offset_s, alignment.drift, alignment.ratio)
         if clock not in self._rotations:
             times = alignment.log_time(self.taken, np.clip(self.ends[..., 1] / ROWS, 0, 1))
@@ -144,11 +156,11 @@ class Adjustment:
         expected[_FOCAL] = np.log(self.usual_focal_px / start.focal_px)
         change = np.zeros(len(priors))
         common = np.zeros((len(self.pairs), _COMMONS))
-        spread = np.full(_COMMONS, _BEGUN_PX)
+        spread = np.full(_COMMONS, _PARAMS.begun_px)
         steady = np.zeros(2 * _COMMONS)
         noise = np.nan
-        precision = np.concatenate([priors[free] ** -2.0, np.full(len(steady), _STEADY_PX**-2.0)])
-        for _ in range(_ROUNDS):
+        precision = np.concatenate([priors[free] ** -2.0, np.full(len(steady), _PARAMS.steady_px**-2.0)])
+        for _ in range(_PARAMS.rounds):
             off = self.residuals(changed(start, change))
             slopes = [(off - self.residuals(changed(start, change + step))) / step.sum() for step in _STEPS[free]]
             count(len(self.pairs))
@@ -157,8 +169,8 @@ class Adjustment:
             weighted = (self.shares * weights[..., None]).transpose(0, 2, 1)
             inner = np.linalg.inv(weighted @ self.shares + np.diag(spread**-2.0))
             matrix, moments = self._normal(slopes, weights, weighted, inner, off)
-            matrix = matrix / _COMMON + np.diag(precision)
-            moments = moments / _COMMON
+            matrix = matrix / _PARAMS.common + np.diag(precision)
+            moments = moments / _PARAMS.common
             moments[: len(free)] += precision[: len(free)] * (expected - change)[free]
             delta = np.linalg.solve(matrix, moments)
             change[free] += np.clip(delta[: len(free)], -_MOST_CHANGE[free], _MOST_CHANGE[free])
@@ -166,10 +178,10 @@ class Adjustment:
             left = off - slopes @ delta
             common = np.einsum("pcd,pdn,pn->pc", inner, weighted, left, optimize=True)
             counted = (1 - np.einsum("pcc->pc", inner) / spread**2).sum(axis=0)  # how many of them the tracks determine
-            spread = np.clip(np.sqrt((common**2).sum(axis=0) / np.maximum(counted, 1e-3)), *_SPREADS_PX)
+            spread = np.clip(np.sqrt((common**2).sum(axis=0) / np.maximum(counted, 1e-3)), *_PARAMS.spreads_px)
             errors = np.zeros(len(priors))
             errors[free] = self._errors(matrix, slopes, weights * (left - self._along(common)))[: len(free)]
-            if (np.abs(delta[: len(free)]) < _NEGLIGIBLE * errors[free]).all():
+            if (np.abs(delta[: len(free)]) < _PARAMS.negligible * errors[free]).all():
                 break
         return Adjusted(changed(start, change), float(noise), errors[_RATIO])
 
@@ -198,9 +210,9 @@ class Adjustment:
         """
         inverse = np.linalg.inv(matrix)
         scores = np.einsum("pnu,pn->pu", slopes, left)
-        parts = np.array_split(scores, max(len(scores) // _STRETCH, 2))
+        parts = np.array_split(scores, max(len(scores) // _PARAMS.stretch, 2))
         stretches = np.array([part.sum(axis=0) for part in parts])
-        between = inverse @ (stretches.T @ stretches) @ inverse / _COMMON**2
+        between = inverse @ (stretches.T @ stretches) @ inverse / _PARAMS.common**2
         return np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
 
     def _weights(self, off: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
@@ -225,7 +237,7 @@ def changed(alignment: Alignment, change: np.ndarray) -> Alignment:
 
 
 def _seen(at: np.ndarray, rotated: np.ndarray, lens: Lens | None) -> np.ndarray:
-    """Returns where positions [..., 2] [focal lengths] are seen after turns [..., 3, 3]."""
+    """Returns where positions [..., 2] [focal lengths] are seen after rotations [..., 3, 3]."""
     if lens is not None:
         rays = np.stack(lens.direction(at[..., 0], at[..., 1]), axis=-1)
         return np.stack(lens.position(*np.einsum("...ij,...j->i...", rotated, rays)), axis=-1)
@@ -235,7 +247,7 @@ def _seen(at: np.ndarray, rotated: np.ndarray, lens: Lens | None) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class GyroRotations:
-    """Turns of a clip's camera from its gyro log (``KnownTurns`` for frames/sequence.py)."""
+    """Rotations of a clip's camera from its gyro log (``KnownRotations`` for frames/sequence.py)."""
 
     log: GyroLog
     alignment: Alignment  # alignment of the log with the clip
@@ -269,14 +281,14 @@ class GyroRotations:
     def between(
         self, begin: tuple[np.ndarray, np.ndarray], end: tuple[np.ndarray, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Computes turns of the scene, in the camera's axes, from rows of frames to rows of other frames.
+        """Computes rotations of the scene, in the camera's axes, from rows of frames to rows of other frames.
 
         Returns:
             [..., 3, 3] rotations, and [..., 3] their rotation vectors [rad].
         """
         times = [self.alignment.log_time(*each) for each in (begin, end)]
         before, after = (self.log.rotations(each) for each in times)
-        rotated = self.alignment.turned(after @ before.swapaxes(-1, -2), times[1] - times[0])
+        rotated = self.alignment.to_camera_axes(after @ before.swapaxes(-1, -2), times[1] - times[0])
         return rotated, rotation_vector(rotated)
 
 
@@ -298,7 +310,7 @@ def up_directions(
     """Returns unit vectors pointing up, in the camera's axes (right, down, forward), when a row of a frame was exposed.
 
     Args:
-        rotations: turns of the camera of a log that :func:`has_gravity`.
+        rotations: those of the camera, by a log that :func:`has_gravity`.
         row: row as a fraction of the height.
     """
     log = rotations.log

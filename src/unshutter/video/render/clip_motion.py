@@ -12,11 +12,11 @@ from unshutter.motion import Motion, RotationMotion
 from unshutter.motion.finding import Finding
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
-from unshutter.video.calibrate.camera_path import camera_motion, grey_copies, small_finding
+from unshutter.video.calibrate.motion_estimation import camera_motion, grey_copies, small_finding
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import Frame
 from unshutter.video.file.row_samples import as_kept, step_as_kept
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.synchronisation import GyroRotations
 from unshutter.video.render.views import View
 

@@ -21,7 +21,7 @@ from unshutter.motion.grid import SamplingGrid
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import ScanDirection
 from unshutter.video.file.clip import Clip, ClipRequest
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 from unshutter.video.render.clip_motion import MovingFrame
 from unshutter.video.render.views import grid_of_flow
 

@@ -24,7 +24,7 @@ from unshutter.video.decision import Decision, Leave, RectifyFrames
 from unshutter.video.file.ahead import ahead
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.row_samples import ROWS
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.synchronisation import up_directions
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement

@@ -104,7 +104,7 @@ class Stabilisation:
 
     path: CameraPath
     # [frames, 3] rotation from the stabilised to the real camera, at the reference row [rad]
-    turns: Float64[np.ndarray, "frames 3"]
+    rotations: Float64[np.ndarray, "frames 3"]
     focals: Float64[np.ndarray, "frames"]  # [frames] focal length [heights]
     zoom: float  # zoom of all frames
     limited: int  # number of frames in which the zoom limit weakened the smoothing
@@ -114,14 +114,14 @@ class Stabilisation:
     @property
     def is_idle(self) -> bool:
         """Whether the path was smooth already, so that it is left unchanged."""
-        return self.zoom == 1.0 and not self.limited and not self.turns.any()
+        return self.zoom == 1.0 and not self.limited and not self.rotations.any()
 
     def view(self, frame: int) -> SteadyView | None:
         """Returns the stabilised view of a frame, or None if it is the camera's own."""
-        if self.zoom == 1.0 and not self.turns[frame].any():
+        if self.zoom == 1.0 and not self.rotations[frame].any():
             return None
         return SteadyView(
-            self.turns[frame], float(self.focals[frame]), self.zoom, self.path.scan_direction, self.path.lens
+            self.rotations[frame], float(self.focals[frame]), self.zoom, self.path.scan_direction, self.path.lens
         )
 
     def as_json(self) -> JsonObject:
@@ -149,7 +149,7 @@ def stabilised(
     free = [scene.smoothed(stiffness, None) for scene in scenes]
     if all(scene.unknown == 0 for scene in scenes) and not _visible(scenes, free):
         return Stabilisation(path, np.zeros((len(path), 3)), np.ones(len(path)), 1.0, 0, 0, up is not None)
-    needed = [scene.needed(turns) for scene, turns in zip(scenes, free, strict=True)]
+    needed = [scene.needed(each) for scene, each in zip(scenes, free, strict=True)]
     limited = [zooms > most for zooms in needed]
     rotations = [
         scene.within(scene.smoothed(stiffness, most), most) if over.any() else smooth

@@ -10,8 +10,8 @@ from support.hand_held import pan
 from unshutter.options.clip_options import ClipUndo, RectifyClip, Shutter, Steadiness
 from unshutter.progress import ClipObserver
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.file import work
-from unshutter.video.file.work import Stage, Work
+from unshutter.video.file import stages
+from unshutter.video.file.stages import Stage, Work
 
 
 class _Notes(ClipObserver):
@@ -50,9 +50,9 @@ def test_the_bar_never_falls_and_never_stands_still(tmp_path, options):
 def _worked(monkeypatch, expected, done, pace=1.0, closing=1e-9):
     """The shares and the times that are left as stages are done, at a pace."""
     clock = [0.0]
-    monkeypatch.setattr(work.time, "monotonic", lambda: clock[0])
-    monkeypatch.setattr(work, "_COSTS_S", dict.fromkeys(Stage, (1.0, 0.0)))
-    monkeypatch.setattr(work, "_CLOSING_S", closing)
+    monkeypatch.setattr(stages.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(stages, "_COSTS_S", dict.fromkeys(Stage, (1.0, 0.0)))
+    monkeypatch.setattr(stages, "_CLOSING_S", closing)
     notes = _Notes()
     counted = Work(notes, 1.0)
     counted.expect(expected)

@@ -14,7 +14,7 @@ from unshutter.video.calibrate.scene_check import SceneCheck
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import Frame
 from unshutter.video.file.row_samples import GYRO_ROWS, ROWS
-from unshutter.video.file.work import Stage
+from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.synchronisation import GyroRotations
 
 COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
