@@ -45,7 +45,7 @@ def test_no_video_at_all(tmp_path, capsys):
 
 
 def test_what_cannot_be_is_reported_before_the_work(tmp_path, capsys, clip, monkeypatch):
-    monkeypatch.setattr("unshutter.video.calibrate.camera.sample_frames", None)  # the long search
+    monkeypatch.setattr("unshutter.video.calibrate.questions.sample_frames", None)  # the long search
     refused(capsys, [clip, "-o", tmp_path / "out.txt"], 1, "ends in '.txt': use .mp4, .mov or .mkv")
     refused(capsys, [clip, clip], 2, "takes one CLIP: leave out ")
     refused(capsys, [clip, "-o", tmp_path / "out.jpg"], 1, "'.jpg' is not a video", "out/%05d.jpg")

@@ -192,7 +192,7 @@ def test_horizons_are_level(tmp_path):
 )
 def test_a_level_horizon_needs_gravity(tmp_path, capsys, monkeypatch, gravity, gyro, complaint):
     """Which is known before any frame is looked at."""
-    monkeypatch.setattr("unshutter.video.calibrate.camera.sample_frames", None)
+    monkeypatch.setattr("unshutter.video.calibrate.questions.sample_frames", None)
     clip, log = tilted(tmp_path)
     if not gravity:
         lines = log.read_text().splitlines()

@@ -108,7 +108,7 @@ class Adjustment:
         return self.pairs[0].tracks.lens
 
     def gyro_rotations(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the device's rotations between the rows of each track [pairs, most, 3, 3], and how long they took [s]."""
+        """Returns rotations of the device between rows of each track [pairs, most, 3, 3], and their durations [s]."""
         clock = (alignment.offset_s, alignment.drift, alignment.ratio)
         if clock not in self._rotations:
             times = alignment.log_time(self.taken, np.clip(self.ends[..., 1] / ROWS, 0, 1))
