@@ -21,7 +21,7 @@ from unshutter.photo import Photo
 from unshutter_lab.synthesis.panorama import Camera, Place, shipped_places
 from unshutter_lab.synthesis.place_photos import with_noise
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HERE = Path(__file__).parent
 SAMPLE = HERE.parent / "src" / "unshutter" / "page" / "web" / "sample.jpg"
@@ -46,18 +46,18 @@ def hand(degrees_per_s: float, shares: dict[float, float]) -> RotationLog:
     return RotationLog(times, *np.radians(rates))
 
 
-def burst() -> TurningCamera:
+def burst() -> RotatingCamera:
     """The camera of the burst: three frames."""
     shares = {0.6: 1.0, 1.3: 0.3, 2.9: 0.24}
-    return TurningCamera(hand(220, shares), 1.6, 3, FPS, BURST_RATIO, HEIGHT, WIDTH, FOCAL_PX)
+    return RotatingCamera(hand(220, shares), 1.6, 3, FPS, BURST_RATIO, HEIGHT, WIDTH, FOCAL_PX)
 
 
-def walk() -> TurningCamera:
+def walk() -> RotatingCamera:
     """The camera of the clip: 2.5 seconds."""
-    return TurningCamera(hand(130, {2.3: 1.0, 3.9: 0.6}), 0.2, 75, FPS, CLIP_RATIO, HEIGHT, WIDTH, FOCAL_PX)
+    return RotatingCamera(hand(130, {2.3: 1.0, 3.9: 0.6}), 0.2, 75, FPS, CLIP_RATIO, HEIGHT, WIDTH, FOCAL_PX)
 
 
-def seen(turning: TurningCamera, noise: float, is_global: bool = False) -> Iterator[np.ndarray]:
+def seen(turning: RotatingCamera, noise: float, is_global: bool = False) -> Iterator[np.ndarray]:
     """Yields the frames [H, W, 3] in order; with a global shutter, all rows are taken at the time of the middle one."""
     place = Place.load(shipped_places()[PLACE])
     camera = Camera(HEIGHT * FINER, WIDTH * FINER, FOCAL_PX * FINER, YAW, TILT)

@@ -161,12 +161,12 @@ def two_frames() -> None:
 
     import unshutter
     from unshutter.photo import Photo
-    from unshutter_lab.synthesis.sequences import TurningCamera
+    from unshutter_lab.synthesis.sequences import RotatingCamera
 
     basilica = Photo.open(ROOT / "examples" / "original" / "basilica.webp").to_array()
     rows = []
     for picture, start in ((basilica, 0.8), (skimage.data.coffee(), 0.8)):
-        camera = TurningCamera(hand(), start, 2, 30.0, 0.75, 360, 480, 480.0)
+        camera = RotatingCamera(hand(), start, 2, 30.0, 0.75, 360, 480, 480.0)
         frames = list(camera.rendered(picture, noise=2.0))
         one = unshutter.rectify(frames[0], reference="middle", edges="keep")
         two = next(unshutter.rectify_frames(frames, readout_ratio=camera.readout_ratio, reference="middle"))

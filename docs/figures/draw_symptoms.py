@@ -14,9 +14,9 @@ from unshutter.photo import Photo
 from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
 from unshutter_lab.evaluation.place_cases import SUITES, PlaceCase
 from unshutter_lab.synthesis.panorama import Camera, Place, shipped_places
-from unshutter_lab.synthesis.place_photos import Turning, take_photo
+from unshutter_lab.synthesis.place_photos import Rotating, take_photo
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HERE = Path(__file__).parent
 SIZE = 384, 512  # rows and columns of a photo [px]
@@ -43,7 +43,7 @@ def turned(
     times = np.arange(-0.2, 0.4, 0.001)
     wave = np.cos(2 * np.pi * hertz * times)
     log = RotationLog(times, *(np.radians(rate) * wave for rate in rates), np.zeros_like(times))
-    return take_photo(Place.load(PLACES[place]), camera, Turning(camera, log, READOUT_S), exposed_rows)
+    return take_photo(Place.load(PLACES[place]), camera, Rotating(camera, log, READOUT_S), exposed_rows)
 
 
 def undone(before: np.ndarray, **options: object) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ def wobble() -> None:
     camera, times = camera_at(62, tilt=4), np.arange(-0.1, 0.3, 0.001)
     rates = [np.radians(rate) * np.cos(2 * np.pi * hertz * times) for rate, hertz in ((170, 14), (60, 11), (20, 7))]
     size = {"height": SIZE[0], "width": SIZE[1], "focal_px": camera.focal_px}
-    moving = TurningCamera(RotationLog(times, *rates), 0.0, 3, 30.0, 0.8, **size)
+    moving = RotatingCamera(RotationLog(times, *rates), 0.0, 3, 30.0, 0.8, **size)
     place = Place.load(PLACES["schadowplatz"])
     rotations = (moving.rotations(moving.row_times(frame)) for frame in range(3))
     frames = [place.seen(camera, each.transpose(0, 2, 1)) for each in rotations]

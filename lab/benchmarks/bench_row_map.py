@@ -1,4 +1,4 @@
-"""What the row block of kandula2020-research has learned: its residual beside that of the true motion.
+"""Compares the residual of kandula2020-research's row block with that of the true motion.
 
     python lab/benchmarks/bench_row_map.py PHOTOS [NETWORK]
 

@@ -1,11 +1,11 @@
-"""What the photos of a burst gain from one another, by how many of them were taken in a second.
+"""Measures what the photos of a burst gain from one another, by photos per second.
 
     python lab/benchmarks/clip_bursts.py PHOTO LOG.npz ... [--photos 5] [--readout-ms 20] [--alone]
 
 Each burst is the photo around a camera that turns as the log says, read out in a time that ``rectify`` is not told: it
-takes that of phones, 20 ms. Intervals of up to half a second are allowed here, to show where the gain ends. Told, over
-all photos of all bursts: the mean distance of rows from where they belong [px of 256 rows], as taken, in bursts, and
-with ``--alone`` each by itself; and the shares of photos that are better and worse by more than 0.3 px.
+takes that of phones, 20 ms. Intervals of up to half a second are allowed here, to show where the gain ends. Reported,
+over all photos of all bursts: the mean distance of rows from where they belong [px of 256 rows], as taken, in bursts,
+and with ``--alone`` each by itself; and the shares of photos that are better and worse by more than 0.3 px.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from unshutter.reasons import MotionSource
 from unshutter.run import bursts
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, FOCAL, NOISE = 360, 480, 430.0, 2.0
 RATES = (30, 20, 15, 10, 8, 5, 4, 3)  # photos a second
@@ -44,7 +44,7 @@ def write(folder: Path, frames: list[np.ndarray], rate: float) -> None:
         Image.fromarray(frame).save(folder / f"{k}.jpg", quality=92, exif=tags)
 
 
-def errors(folder: Path, out: Path, camera: TurningCamera, *flags: str) -> list[float]:
+def errors(folder: Path, out: Path, camera: RotatingCamera, *flags: str) -> list[float]:
     """Error of the motion found of each photo [px of 256 rows]; NaN for one that was judged by itself in a burst."""
     words = ["rectify", str(folder), "-o", str(out), "--save-motion", str(out), "--focal-px", str(FOCAL), *flags]
     assert unshutter(words) == 0
@@ -74,7 +74,7 @@ def main() -> None:
             for seed in range(given.seeds):
                 ratio = given.readout_ms / 1000 * rate
                 generator = np.random.default_rng(100 * number + seed)
-                camera = TurningCamera.drawn(generator, log, given.photos, fps=rate, readout_ratio=ratio, **size)
+                camera = RotatingCamera.drawn(generator, log, given.photos, fps=rate, readout_ratio=ratio, **size)
                 with tempfile.TemporaryDirectory() as name:
                     folder = Path(name) / "in"
                     write(folder, list(camera.rendered(pixels, NOISE, seed)), rate)

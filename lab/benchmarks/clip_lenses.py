@@ -1,11 +1,11 @@
-"""What ``unshutter video`` gains on clips of wide lenses with a known truth, readout time and lens given and found.
+"""Measures what ``unshutter video`` gains on clips of wide lenses, with readout time and lens given or found.
 
     python lab/benchmarks/clip_lenses.py PHOTO LOG.npz ... [--frames 60] [--before FOLDER] [--only 1 2]
 
 Each clip is the photo around a camera that turns as the log says, seen through a lens of 90 to 150 degrees (from
-corner to corner); the photo is as this lens shows it. Its twin has the same focal length, but no distortion. Told: PSNR
-of luma against the true global-shutter clip [dB, without a border of 6 %]; the readout ratio; and the error of the lens
-at the corner: where the true direction of a corner is seen, as a share of its distance from the middle.
+corner to corner); the photo is as this lens shows it. Its twin has the same focal length, but no distortion. Reported:
+PSNR of luma against the true global-shutter clip [dB, without a border of 6 %]; the readout ratio; and the error of the
+lens at the corner: where the true direction of a corner is seen, as a share of its distance from the middle.
 ``--before`` names the ``src`` folder of another version: what that does with the same clip.
 """
 
@@ -28,7 +28,7 @@ from unshutter_lab.evaluation.clip_wobble import grey_frames
 from unshutter_lab.evaluation.metrics import psnr
 from unshutter_lab.synthesis.clip import write_video
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, FPS, NOISE = 360, 640, 30.0, 2.0
 
@@ -117,7 +117,7 @@ def report(number: int, case: Case, given: argparse.Namespace, folder: Path) -> 
     focal = case.lens.focal * HEIGHT
     size = {"height": HEIGHT, "width": WIDTH, "focal_px": focal, "readout_ratio": case.ratio}
     made = {}
-    straight = TurningCamera.drawn(np.random.default_rng(case.seed), log, given.frames, fps=FPS, **size)
+    straight = RotatingCamera.drawn(np.random.default_rng(case.seed), log, given.frames, fps=FPS, **size)
     for kind, camera in (("wide", replace(straight, lens=case.lens)), ("twin", straight)):
         for shutter in ("rs", "gs"):
             made[kind, shutter] = folder / f"{number}-{kind}-{shutter}.mp4"

@@ -1,4 +1,4 @@
-"""The page docs/results/confidence.md: whether the confidences that estimators state are worth anything.
+"""Writes docs/results/confidence.md: how well stated confidences match the share of right answers.
 
 Called by result_pages.py; nothing in it is typed but the explanations.
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter_lab.evaluation.plots import looks_of
+from unshutter_lab.evaluation.plots import styles_of
 from unshutter_lab.evaluation.reliability import ENOUGH, Bin, Judged, draw_reliability, mean_gap, widest
 from unshutter_lab.evaluation.results import Results
 from unshutter_lab.evaluation.tables import Table, as_csv
@@ -48,7 +48,7 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
     kinds = {"Distorted": distorted, "Undistorted": undistorted, "Half and half": _pooled(distorted, undistorted)}
     if not all(kind.get(ALL) for kind in kinds.values()):
         return False
-    draw_reliability({kind: groups[ALL] for kind, groups in kinds.items()}, looks_of(runs["synthetic"]), docs / PLOT)
+    draw_reliability({kind: groups[ALL] for kind, groups in kinds.items()}, styles_of(runs["synthetic"]), docs / PLOT)
     parts = ["# Confidence", _about(list(distorted[ALL]))]
     parts += ["## Stated and true shares", f"![Plot]({PLOT})\n\n*{CAPTION}*", READING]
     gaps = [_gaps(kind, groups) for kind, groups in kinds.items()]

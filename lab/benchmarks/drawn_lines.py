@@ -1,4 +1,4 @@
-"""How well photos are straightened by lines that a person draws (docs/guide/by-hand.md).
+"""Measures how well lines that a person draws straighten photos (docs/guide/by-hand.md).
 
     python lab/benchmarks/drawn_lines.py FOLDER... [--photos 40] [--declined]
 
@@ -101,7 +101,7 @@ def _row(exam: Exam, seed: int) -> tuple[float, ...] | None:
     for lines in (upright[:1], upright[:2], [*upright[:2], level[0]]):
         answer = motion_of_lines(exam.photo, lines, exam.view.camera)
         left = [abs(angle) for angle, trouble in zip(answer.left_deg, answer.troubles, strict=True) if trouble is None]
-        row += [_error(answer.motion, exam.truth), max(left, default=0.0), sum(map(bool, answer.troubles))]
+        row += [_error(answer.finding.motion, exam.truth), max(left, default=0.0), sum(map(bool, answer.troubles))]
     return tuple(row)
 
 

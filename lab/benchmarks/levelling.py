@@ -1,4 +1,4 @@
-"""How well photos show the roll of a camera at rest, and whether levelling is offered rightly.
+"""Measures how well photos show the roll of a camera at rest, and how often levelling is offered rightly.
 
     python lab/benchmarks/levelling.py FOLDER [--views 12] [--seed 20261128]
 
@@ -26,7 +26,7 @@ from unshutter_lab.synthesis import panorama
 
 _MOST_ROLL_DEG, _TILT_DEG = 6.0, 8.0
 _PLACE_DEG = 1.5  # standard deviation of the tilt of a place
-_FEWEST = 6
+_MIN_OTHERS = 6
 
 
 class _View(NamedTuple):
@@ -77,7 +77,7 @@ def _levelled(views: list[_View]) -> Iterator[tuple[_View, float]]:
     """Yields the views with their true roll [degrees], as the other ones show the tilt of the place."""
     for view in views:
         others = [other for other in views if other is not view and other.error_deg]
-        if len(others) < _FEWEST:
+        if len(others) < _MIN_OTHERS:
             continue
         waves = np.array([_wave(other) for other in others])
         errors = np.array([other.found_deg - other.roll_deg for other in others])

@@ -1,4 +1,4 @@
-"""How well the video inside a photo says the photo's motion: motion photos rendered from recorded hands.
+"""Measures how well the video in a motion photo reveals the photo's motion; rendered from recorded hands.
 
     python lab/benchmarks/motion_photos.py PHOTOS LOG.npz ... [--cases 40] [--seed 0]
 
@@ -27,9 +27,9 @@ from unshutter.photo import Photo
 from unshutter.reasons import Code, Reason
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.synthesis.clip import FilmedStill, Stabilisation
+from unshutter_lab.synthesis.clip import Stabilisation, SyntheticMotionPhoto
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, VIDEO_HEIGHT, VIDEO_WIDTH, FRAMES, FPS = 900, 1200, 360, 640, 60, 30.0
 JITTER_S = 0.03  # by which logs of motion capture are smoothed
@@ -41,19 +41,19 @@ KINDS = {
 }
 
 
-def drawn(seed: int, logs: list[RotationLog], kind: str) -> FilmedStill:
+def drawn(seed: int, logs: list[RotationLog], kind: str) -> SyntheticMotionPhoto:
     rng = np.random.default_rng(seed)
     focal, crop = WIDTH * rng.uniform(0.7, 0.95), rng.uniform(0.75, 1.0)
     video = {"height": VIDEO_HEIGHT, "width": VIDEO_WIDTH, "focal_px": focal * VIDEO_WIDTH / (crop * WIDTH)}
     ratio, readout, taken = rng.uniform(0.3, 0.9), rng.uniform(0.4, 1.3), rng.uniform(0.3, 0.7) * FRAMES
     while True:
         try:
-            camera = TurningCamera.drawn(
+            camera = RotatingCamera.drawn(
                 rng, logs[rng.integers(len(logs))], FRAMES + 2, fps=FPS, readout_ratio=ratio, **video
             )
         except UnshutterError:
             continue
-        return FilmedStill(camera, taken, readout, HEIGHT, WIDTH, focal, *KINDS[kind])
+        return SyntheticMotionPhoto(camera, taken, readout, HEIGHT, WIDTH, focal, *KINDS[kind])
 
 
 def main() -> None:

@@ -69,7 +69,7 @@ TITLES = {
 
 
 def write_pages(build: Path, docs: Path) -> None:
-    """Writes docs/results anew.
+    """Writes docs/results again.
 
     Args:
         build: folder of the runs.

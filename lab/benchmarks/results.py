@@ -6,8 +6,8 @@
 
 DATA is a folder with test/yorkurban, test/eurasiancities, test/urban100, val, real/{bsrsc,fastec,carla}, video/real
 and trajectories, none of which are part of the repository. Every run is an ``unshutter evaluate`` into build/results,
-and goes on where it was stopped; one that was made by other code is made anew. How many photos each takes is chosen so
-that all together stay within two hours on two cores.
+and goes on where it was stopped; one that was made by other code is measured again. How many photos each takes is
+chosen so that all together stay within two hours on two cores.
 """
 
 from __future__ import annotations

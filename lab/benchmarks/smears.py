@@ -1,4 +1,4 @@
-"""How right the directions are that smeared photos are given, and what is gained by undoing the motion (smear.py).
+"""Measures how often the direction found in smeared photos is right, and what undoing the motion gains (smear.py).
 
     python lab/benchmarks/smears.py PHOTOS LOGS [--photos 140] [--seed 5]
 

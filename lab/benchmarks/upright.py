@@ -1,4 +1,4 @@
-"""How upright ``rectify --upright`` makes photos that were held askew, taken by a camera that moved or did not.
+"""Measures how upright ``rectify --upright`` makes photos of cameras held askew, with and without motion.
 
     python lab/benchmarks/upright.py FOLDER... [--logs FOLDER] [--sheet FILE.png]
 
@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--sheet", type=Path, help="write ten results to look at: before, without, level, full")
     arguments = parser.parse_args()
     logs = sorted(arguments.logs.glob("*.npz")) if arguments.logs else []
-    estimator, rows, pictures, told = load(), defaultdict(list), [], defaultdict(list)
+    estimator, rows, pictures, leaning = load(), defaultdict(list), [], defaultdict(list)
     paths = sorted(path for folder in arguments.folders for path in folder.rglob("*.jpg"))[: arguments.photos]
     for number, path in enumerate(paths):
         photo = Photo.open(path)
@@ -70,7 +70,7 @@ def main() -> None:
                 done = render(view.photo, verdict, "keep")
                 errors = _left(done.motion, verdict.upright, truth, true, wish != "full")
                 if wish is None and not verdict.changes:
-                    told["leans" if errors[0] > 1 else "upright"].append(offered)
+                    leaning["leans" if errors[0] > 1 else "upright"].append(offered)
                 done_with = f"{kind}, {'moved' if verdict.undoes else 'left'}"
                 for name in (kind, done_with, "offered" if offered else "not offered"):
                     rows[name, wish].append(errors)
@@ -80,7 +80,7 @@ def main() -> None:
         (lean, slope), (most_lean, most_slope) = np.median(listed, axis=0), np.quantile(listed, 0.9, axis=0)
         figures = f"{lean:.2f} ({most_lean:.2f}) | {slope:.2f} ({most_slope:.2f})"
         print(f"| {name} | {wish or 'without'} | {len(listed)} | {figures} |")
-    for name, of in told.items():
+    for name, of in leaning.items():
         print(f"left unchanged, {name}: {len(of)}, of which {np.mean(of):.2f} are said to lean")
     if arguments.sheet:
         _save_sheet(pictures, arguments.sheet)

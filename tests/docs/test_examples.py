@@ -14,7 +14,7 @@ import pytest
 import unshutter
 from support.clips import moving, shaken, write
 from unshutter.photo import Photo
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 ROOT = Path(__file__).parents[2]
 ORIGINAL = ROOT / "examples" / "original" / "basilica.webp"
@@ -35,7 +35,7 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("material")
     shutil.copy(ROOT / "examples" / "demo.jpg", folder / "street.jpg")
     Photo.open(ORIGINAL).save(folder / "house.jpg")
-    camera = TurningCamera(shaken(), 0.05, 3, 30.0, 0.7, 360, 480, 420.0)
+    camera = RotatingCamera(shaken(), 0.05, 3, 30.0, 0.7, 360, 480, 420.0)
     for name, frame in zip("abc", camera.rendered(Photo.open(ORIGINAL).to_array(), noise=2.0), strict=True):
         Photo.from_array(frame).save(folder / f"{name}.jpg", quality=92)
     write(folder / "walk.mp4", moving(16)[1])

@@ -27,8 +27,8 @@ from unshutter.photo.embedded_video import EmbeddedVideo
 from unshutter.reasons import Cause, Code, MotionSource, Reason
 from unshutter.single.estimator import View
 from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.synthesis.clip import FilmedStill, Stabilisation
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.clip import Stabilisation, SyntheticMotionPhoto
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, FOCAL = 360, 480, 380.0
 
@@ -42,8 +42,8 @@ def shaken(seed=3):
 def filmed(log=None, **more):
     """A still and a video that shows four fifths of its width; the still takes longer to be read out."""
     focal = FOCAL * 320 / (0.8 * WIDTH)
-    camera = TurningCamera(log or shaken(), 0.05, 18, 30.0, 0.55, 180, 320, focal)
-    return FilmedStill(camera, 7.3, 0.8, HEIGHT, WIDTH, FOCAL, **more)
+    camera = RotatingCamera(log or shaken(), 0.05, 18, 30.0, 0.55, 180, 320, focal)
+    return SyntheticMotionPhoto(camera, 7.3, 0.8, HEIGHT, WIDTH, FOCAL, **more)
 
 
 def scene():

@@ -8,7 +8,7 @@ import numpy as np
 
 from support.drawn_photos import textured
 from support.hand_held import log_of, still
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, FOCAL, RATIO, FPS = 144, 192, 165.0, 0.6, 30
 KNOWN = ["--readout-ratio", str(RATIO), "--focal-px", str(FOCAL)]  # of such a clip: half the work is to find these
@@ -37,7 +37,7 @@ def moving(frames=16, log=None, ratio=RATIO):
     if log is None:
         camera, greys = _shaken(frames, ratio)
         return camera, list(greys)
-    camera = TurningCamera(log, 0.05, frames, FPS, ratio, HEIGHT, WIDTH, FOCAL)
+    camera = RotatingCamera(log, 0.05, frames, FPS, ratio, HEIGHT, WIDTH, FOCAL)
     return camera, list(camera.rendered(wall()))
 
 
@@ -175,7 +175,7 @@ def truth(camera):
     return list(still_camera.rendered(wall()))
 
 
-class _Instant(TurningCamera):
+class _Instant(RotatingCamera):
     """A camera without readout that takes its frames some time later."""
 
     offset = 0.0

@@ -9,7 +9,7 @@ AXES = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 
 def gyro_log(camera, shift_s=0.0, bias=(0.0, 0.0, 0.0), noise=0.0, **more):
-    """What a gyro in a TurningCamera logs: its clock is ``shift_s`` ahead of the clip's, ``bias`` is shown at rest."""
+    """What a gyro in a RotatingCamera logs: its clock is ``shift_s`` ahead of the clip's, ``bias`` is shown at rest."""
     log = camera.log
     rates = np.stack([log.yaw_rad_s, log.roll_rad_s, log.pitch_rad_s], axis=-1) + bias
     rates = rates + np.random.default_rng(0).normal(0, noise, rates.shape)

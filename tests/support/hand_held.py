@@ -5,7 +5,7 @@ import numpy as np
 from support.drawn_photos import textured
 from unshutter.frames.tracks import Tracks
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, FOCAL = 180, 320, 275.0
 _STEP = 1 / 250  # s
@@ -45,7 +45,7 @@ def shaking(hertz, deg_s=10.0, seconds=4.0):
 def camera(log, ratio=0.6, frames=45, **more):
     """At 30 frames per second, unless ``more`` says otherwise."""
     usual = {"fps": 30.0, "height": HEIGHT, "width": WIDTH, "focal_px": FOCAL}
-    return TurningCamera(log, 0.05, frames, readout_ratio=ratio, **{**usual, **more})
+    return RotatingCamera(log, 0.05, frames, readout_ratio=ratio, **{**usual, **more})
 
 
 def clip(log, ratio=0.6, frames=45, noise=2.0, **more):

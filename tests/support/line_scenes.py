@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-import unshutter
 from unshutter.motion import Motion, RotationMotion
 from unshutter.single.drawn_lines import FORMAT, DrawnLine
 from unshutter_lab.evaluation.metrics import motion_error
@@ -98,27 +97,6 @@ def check_exact(found: RotationMotion, truth: RotationMotion) -> None:
     col, row = np.meshgrid(np.linspace(0, WIDTH - 1, 20), np.linspace(0, HEIGHT - 1, 20))
     apart = np.hypot(*(np.stack(found.gs_to_rs(col, row)) - truth.gs_to_rs(col, row)))
     assert apart.max() < 0.5
-
-
-def check_drawn_picture(name: str, degrees, left: float) -> None:
-    """A method finds a motion through the detector, all but this share of it, and the same when asked again."""
-    truth = turning(*degrees)
-    picture = drawn_picture(truth)
-    found = unshutter.estimate(picture, estimator=name, focal_px=FOCAL)
-    motion = found.motion
-    assert isinstance(motion, RotationMotion)
-    assert (motion.focal_px, found.estimator, motion.height, motion.width) == (FOCAL, name, HEIGHT, WIDTH)
-    assert not motion.rotations[0].any()
-    assert share_left(motion, truth) < left
-    again = unshutter.estimate(picture, estimator=name, focal_px=FOCAL)
-    np.testing.assert_array_equal(again.motion.tx_px, motion.tx_px)  # seeded
-
-
-def check_nothing_is_done_without_lines(name: str) -> None:
-    """And it is said why."""
-    found = unshutter.estimate(np.full((200, 300), 128, np.uint8), estimator=name)
-    assert found.motion.is_zero
-    assert "only 0" in str(found.reason)
 
 
 def lines_as_text(lines: Iterable[DrawnLine]) -> str:

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 
 import unshutter
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 
-def write_model(camera: TurningCamera, frames: Sequence[int], folder: Path) -> Path:
+def write_model(camera: RotatingCamera, frames: Sequence[int], folder: Path) -> Path:
     """A COLMAP model, as text, with the true pose of the middle row of some frames."""
     folder.mkdir()
     numbers = f"{camera.width} {camera.height} {camera.focal_px} {camera.width / 2} {camera.height / 2}"
@@ -25,12 +25,12 @@ def write_model(camera: TurningCamera, frames: Sequence[int], folder: Path) -> P
     return folder
 
 
-def true_rotation(camera: TurningCamera, frame: int, row: float) -> np.ndarray:
+def true_rotation(camera: RotatingCamera, frame: int, row: float) -> np.ndarray:
     """From the world to the camera."""
     return camera.rotations(np.array([frame + camera.readout_ratio * (row + 0.5) / camera.height]))[0]
 
 
-def errors_px(camera: TurningCamera, poses: unshutter.CameraPoses, by_row: bool) -> np.ndarray:
+def errors_px(camera: RotatingCamera, poses: unshutter.CameraPoses, by_row: bool) -> np.ndarray:
     """How far from its place each direction of a grid is projected, in all pictures [px]."""
     across, down = np.meshgrid(np.linspace(-0.5, 0.5, 7), np.linspace(-0.4, 0.4, 7))
     centre = np.array([(camera.width - 1) / 2, (camera.height - 1) / 2])

@@ -7,6 +7,7 @@ import os
 import queue
 from typing import Any
 
+import cv2
 from torch import Tensor
 
 from unshutter_lab.synthesis.panorama import Place
@@ -75,8 +76,6 @@ class Drawing:
 
 
 def _draw(drawn: Any, canvas: int, side: int, first: int, step: int) -> None:
-    import cv2
-
     cv2.setNumThreads(1)
     seed = _SEED + first
     while True:

@@ -14,7 +14,7 @@ from unshutter_lab.evaluation.clip_wobble import ClipWobble
 from unshutter_lab.evaluation.protocols import Request
 from unshutter_lab.evaluation.results import Results
 from unshutter_lab.evaluation.tables import tables
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 FRAMES = 32
 
@@ -23,7 +23,7 @@ FRAMES = 32
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a clip of a rolling shutter, the same of a global one, and a list that knows one of them."""
     folder = tmp_path_factory.mktemp("videos")
-    camera = TurningCamera(shaken(), 0.05, FRAMES, FPS, RATIO, 2 * HEIGHT, 2 * WIDTH, 2 * FOCAL)
+    camera = RotatingCamera(shaken(), 0.05, FRAMES, FPS, RATIO, 2 * HEIGHT, 2 * WIDTH, 2 * FOCAL)
     scene = np.repeat(np.repeat(wall(), 2, axis=0), 2, axis=1)
     for name, is_global in (("a_rolling", False), ("b_global", True)):
         write(folder / f"{name}.mp4", list(camera.rendered(scene, global_shutter=is_global)), options={"crf": "16"})

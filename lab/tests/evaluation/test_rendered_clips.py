@@ -6,13 +6,13 @@ from unshutter.single import register
 from unshutter_lab.evaluation.case import Record
 from unshutter_lab.evaluation.clip_tables import rendered_clip_tables
 from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
-from unshutter_lab.evaluation.rendered_clips import EXACT, FILMINGS, GIVEN, RenderedClipCase
+from unshutter_lab.evaluation.rendered_clips import CLIPS, EXACT, GIVEN, RenderedClipCase
 from unshutter_lab.evaluation.results import Results
 from unshutter_lab.evaluation.tables import tables
-from unshutter_lab.synthesis.filmed_places import Filming
 from unshutter_lab.synthesis.panorama import shipped_places
+from unshutter_lab.synthesis.rendered_places import ClipSettings
 
-SMALL = Filming("small", 30, 20, 6, 20, height=144, width=256)
+SMALL = ClipSettings("small", 30, 20, 6, 20, height=144, width=256)
 
 
 def test_the_true_motion_gains_nearly_what_the_exact_map_does() -> None:
@@ -27,8 +27,8 @@ def test_the_true_motion_gains_nearly_what_the_exact_map_does() -> None:
 
 def test_the_protocol_needs_no_data() -> None:
     cases = PROTOCOLS["rendered-clips"].cases(Request("rendered-clips", ()))
-    assert [case.place["photo"] for case in cases] == [filming.name for filming in FILMINGS]
-    assert len({case.place["group"] for case in cases}) == len(FILMINGS)  # each in a place of its own
+    assert [case.place["photo"] for case in cases] == [clip.name for clip in CLIPS]
+    assert len({case.place["group"] for case in cases}) == len(CLIPS)  # each in a place of its own
 
 
 def record(name: str, psnr: float, **more: object) -> Record:

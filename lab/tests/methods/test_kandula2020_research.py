@@ -6,7 +6,6 @@ import pytest
 torch = pytest.importorskip("torch", reason="training needs torch")
 nn = torch.nn
 
-from unshutter.errors import UnshutterError, UsageError
 from unshutter_lab.methods.row_map import gs_to_rs_by_row_map
 from unshutter_lab.training.config import TrainConfig
 from unshutter_lab.training.kandula2020_recipe import KandulaRecipe
@@ -114,20 +113,3 @@ def test_the_estimator_takes_any_photo(exported, shape):
     photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
     found = load(f"kandula2020-research@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
     assert (found.height, found.width) == (shape[1], shape[0]) and found.scan_direction == ScanDirection.LEFT_TO_RIGHT
-
-
-def test_weights_of_ones_own(exported, tmp_path):
-    from unshutter.single.register import load
-
-    assert load(f"kandula2020-research@{exported[1]}").name == "kandula2020-research"
-    with pytest.raises(UnshutterError, match="no such file"):
-        load("kandula2020-research@none.onnx")
-    (tmp_path / "text.onnx").write_text("no network")
-    with pytest.raises(UnshutterError, match="cannot use the weights"):
-        load(f"kandula2020-research@{tmp_path / 'text.onnx'}")
-    with pytest.raises(UsageError, match="accepts no other weights"):
-        load(f"none@{exported[1]}")
-    with pytest.raises(UsageError, match="unknown estimator"):
-        load(f"nobody@{exported[1]}")
-    with pytest.raises(UnshutterError, match="not rengarajan2017 weights"):
-        load(f"rengarajan2017@{exported[1]}")

@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,9 +12,7 @@ from support.line_scenes import (
     HEIGHT,
     WIDTH,
     U,
-    check_drawn_picture,
     check_exact,
-    check_nothing_is_done_without_lines,
     drawn_picture,
     manhattan_segments,
     motion_of,
@@ -66,19 +65,8 @@ def test_a_true_rotation_is_found_although_the_model_is_of_first_order(degrees: 
     check_exact(motion_of(np.stack([0 * U, 0 * U, -rate * U * HEIGHT / FOCAL], axis=1)), truth)
 
 
-@pytest.mark.parametrize(("degrees", "left"), [(((0, 0, 7),), 0.1), thorough(((0, 0, -5),), 0.1)])
-def test_a_drawn_picture_goes_through_the_detector(degrees, left: float) -> None:
-    check_drawn_picture("purkait2017", degrees, left)
-
-
-def test_without_lines_nothing_is_done_and_said_why() -> None:
-    check_nothing_is_done_without_lines("purkait2017")
-
-
 def test_a_world_without_three_directions_is_declined() -> None:
     """Strokes in all directions: fewer than 75 % fit."""
-    import cv2
-
     grey = np.full((400, 500), 200, np.uint8)
     rng = np.random.default_rng(0)
     for _ in range(150):

@@ -9,9 +9,7 @@ from support.line_scenes import (
     QUADRATIC,
     WIDTH,
     U,
-    check_drawn_picture,
     check_exact,
-    check_nothing_is_done_without_lines,
     motion_of,
     seen_curves,
     share_left,
@@ -59,12 +57,3 @@ def test_the_gradient_of_the_cost() -> None:
     r = residuals(at)
     gradient = 2 * (loss(r)[1] * r) @ forward_differences(residuals, at, r, np.full(len(at), 1e-7))
     check_jacobian(lambda x: loss(residuals(x))[0].sum(), at, gradient, rtol=1e-3, atol=0.1)
-
-
-@pytest.mark.parametrize(("degrees", "left"), [(QUADRATIC, 0.15), thorough(((0, -4, -3),), 0.15)])
-def test_a_drawn_picture_goes_through_the_detector(degrees, left: float) -> None:
-    check_drawn_picture("rengarajan2016", degrees, left)
-
-
-def test_without_lines_nothing_is_done_and_said_why() -> None:
-    check_nothing_is_done_without_lines("rengarajan2016")

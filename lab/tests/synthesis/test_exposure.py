@@ -79,9 +79,3 @@ def test_exposures_that_cannot_be_are_refused(wrong: dict, message: str) -> None
     with pytest.raises(UsageError, match=message) as caught:
         Synthesize(**wrong)
     assert one_line(caught)
-
-
-def test_an_exposure_that_no_camera_has_is_left_out_of_exif() -> None:
-    pixels = textured(16, 16)
-    assert Photo.from_array(pixels, exposure_s=1e12).exposure_s() is None
-    assert Photo.from_array(pixels, exposure_s=1 / 3).exposure_s() == pytest.approx(1 / 3)

@@ -7,7 +7,7 @@ from support.drawn_photos import textured
 from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, hand, pan, still
 from unshutter import UnshutterError, UsageError, rectify
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 
 def test_a_camera_that_turns_left_moves_the_scene_to_the_right():
@@ -66,7 +66,7 @@ def test_rotations_multiply_where_angles_would_not_add():
 def test_numbers_that_cannot_be_are_refused(wrong):
     given = {"frames": 5, "fps": 30.0, "readout_ratio": 0.5, "focal_px": FOCAL, **wrong}
     with pytest.raises(UsageError):
-        TurningCamera(still(), 0.0, height=HEIGHT, width=WIDTH, **given)
+        RotatingCamera(still(), 0.0, height=HEIGHT, width=WIDTH, **given)
 
 
 def test_a_log_that_is_too_short_or_turns_too_far_is_refused():
@@ -75,6 +75,6 @@ def test_a_log_that_is_too_short_or_turns_too_far_is_refused():
     with pytest.raises(UnshutterError, match="turns away"):
         camera(pan(80.0), frames=60)
     with pytest.raises(UnshutterError, match="everywhere"):
-        TurningCamera.drawn(
+        RotatingCamera.drawn(
             np.random.default_rng(0), pan(80.0), 60, tries=3, readout_ratio=0.5, height=9, width=9, focal_px=9.0
         )

@@ -83,7 +83,7 @@ def test_a_killed_run_resumes_to_the_same_weights(config: Path, tmp_path: Path) 
     straight = weights(run(config, tmp_path / "straight"))
     # stopped after the first step, as a kill just after a checkpoint would
     folder = run(config, tmp_path / "resumed", minutes=0.0)
-    assert torch.load(folder / "checkpoint.pt", weights_only=True)["step"] < 6
+    assert torch.load(folder / "checkpoint.pt", weights_only=True)["step"] < 6 and (folder / "model.npz").exists()
     resumed = weights(run(config, tmp_path / "resumed"))
     for name, value in straight.items():
         torch.testing.assert_close(resumed[name], value, atol=1e-6, rtol=1e-5)
@@ -268,20 +268,6 @@ def test_the_shipped_configurations_are_found_by_name(tmp_path: Path, monkeypatc
     assert (short.steps, short.network["width"], short.loss["rectified_edges"]) == (150, 16, 0)
 
 
-def test_a_file_of_ones_own_builds_on_a_shipped_configuration(tmp_path: Path) -> None:
-    path = tmp_path / "wider.toml"
-    path.write_text('base = "segment-transformer"\n[network]\nwidth = 128\n')
-    wider, shipped = load_config(path), load_config("segment-transformer")
-    assert wider.network == {**shipped.network, "width": 128}
-    assert (wider.steps, wider.data) == (shipped.steps, shipped.data)
-
-
-def test_a_run_is_called_after_its_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert run("segment-transformer", Path("runs"), minutes=0.0) == Path("runs/segment-transformer")
-    assert (tmp_path / "runs" / "segment-transformer" / "checkpoint.pt").exists()
-
-
 def test_unknown_configurations_get_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name, says in (
@@ -332,12 +318,6 @@ def test_ctrl_c_leaves_a_checkpoint_from_which_the_run_goes_on(
     assert "the run continues" in again
     assert f"step {step + 1} of {step + 2} took" in again
     assert (tmp_path / "tiny" / "model.npz").exists()
-
-
-def test_minutes_end_with_a_model_and_a_log(config: Path, tmp_path: Path) -> None:
-    config.write_text(TINY.replace("steps = 6", "steps = 1000000").replace("log_every = 2", "log_every = 1000000"))
-    folder = run(config, tmp_path, minutes=0.0)
-    assert [row["step"] for row in log(folder)] == ["1"] and (folder / "model.npz").exists()
 
 
 @pytest.mark.thorough

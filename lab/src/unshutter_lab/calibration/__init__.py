@@ -1,1 +1,1 @@
-"""Measures the default method's calibration: the network's errors, the odds of motion, and the confidence."""
+"""Calibrates the default method: the network's errors, the prior of motions, and the confidence."""

@@ -1,4 +1,4 @@
-"""Runs a whole calibration: all cases in several processes, resumable; the fits; the file with its provenance."""
+"""Runs a calibration: measures all cases in several processes, fits, and writes the file with its provenance."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ from unshutter_lab.evaluation.synthetic import SyntheticCase
 
 FILE, REPORT = "calibration.json", "report.txt"
 # folders in the data folder
-NETWORK, ODDS, ORDINARY, LOGS, CLIPS = "val", "train", "ordinary", "trajectories", "clips"
+NETWORK, PRIOR, ORDINARY, LOGS, CLIPS = "val", "train", "ordinary", "trajectories", "clips"
 _RATIO = "readout_ratio.txt"  # holds a clip's readout time in frame intervals
-_FEWEST_ERRORS = 12  # estimates of the network: twice the number of its coefficients
+_MIN_ERRORS = 12  # estimates of the network: twice the number of its coefficients
 _LIBRARIES = ("numpy", "opencv-python-headless", "pyvips", "scikit-learn", "scipy")
 _NAME = "calibration"  # stands for the estimator in the store
 
@@ -60,11 +60,11 @@ def calibrate(
     """Measures all parts of the default method except its network; returns the path of the file.
 
     For the parameters see CalibrateArguments. Photos in ``val`` are for the network's errors, those in ``train`` for
-    the odds. The file does not depend on the number of processes.
+    the prior. The file does not depend on the number of processes.
     """
     check_jobs(jobs)
     _check_libraries()
-    folders = {name: photos_in(data / name, photos, seed) for name in (NETWORK, ODDS, ORDINARY)}
+    folders = {name: photos_in(data / name, photos, seed) for name in (NETWORK, PRIOR, ORDINARY)}
     logs = logs_in(data / LOGS)
     clips = _clips(data / CLIPS)
     inputs = {**folders, LOGS: logs, CLIPS: [*chain.from_iterable(frames for frames, _ in clips)]}
@@ -104,7 +104,7 @@ def _as_fields(kind: MotionKind) -> dict[str, Any]:
 def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None) -> dict[str, Any]:
     usable = measure([NetworkCase(photo) for photo in photos], [_NAME], store, jobs)
     records = store.records([case.key for case in usable], [_NAME])
-    if len(records) < _FEWEST_ERRORS:
+    if len(records) < _MIN_ERRORS:
         raise UnshutterError(f"the network answers to {len(records)} pictures of {NETWORK}: add photos of buildings")
     answers, truths = (np.array([record[name] for record in records]) for name in ("answer", "truth"))
     sizes = np.array([PX * displacement(answer) for answer in answers])
@@ -118,7 +118,7 @@ def _search_cases(
 ) -> list[SearchCase]:
     cases: list[SearchCase] = [
         SyntheticSearchCase(case.suite.name, case.photo, known, case)
-        for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL, *CROPPED), seed, logs)
+        for case in _synthetic(PRIOR, folders[PRIOR], (*MOVED, *STILL, *CROPPED), seed, logs)
     ]
     for path in folders[ORDINARY]:
         crops = [OrdinarySearchCase(CROP, path.name, known, path, crop) for crop in range(CROPS)]

@@ -1,4 +1,4 @@
-"""Fits what is known of motions from experience (unshutter/single/prospects.py) to the results of the search.
+"""Fits the forests that state the expected benefit of a motion (unshutter/single/prospects.py) to search results.
 
 Needs scikit-learn. Two forests of boosted trees for each kind of search. They are fitted in one thread, so that sums do
 not depend on the number of threads, and numbers are rounded as in the file.

@@ -1,4 +1,4 @@
-"""Answers from elsewhere: a folder of motion files, one for each picture, as a method's answers.
+"""Evaluates the answers of other programs: a folder of motion files, one for each picture.
 
 ``unshutter evaluate --pictures-only`` writes the pictures, so that any program can answer them, in any language.
 """

@@ -16,12 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
+from unshutter.motion.warp import rectify_pixels, validity_mask
 from unshutter.options import Reference, Undo
 from unshutter.photo import Photo
 from unshutter.single.candidates import LEAST_GAIN
@@ -140,8 +142,6 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
     A motion that cannot be undone leaves the photo unchanged.
     """
-    from unshutter.motion.warp import rectify_pixels, validity_mask
-
     if not motion.is_zero:
         with suppress(UnshutterError):
             pixels = rectify_pixels(photo.pixels, motion, masked=photo.masked)
@@ -188,8 +188,6 @@ NIGHT_GAMMA, NIGHT_BRIGHTNESS, NIGHT_NOISE = 2.0, 0.5, 6.0
 
 def disturbed(picture: np.ndarray, how: Disturbance, rng: np.random.Generator) -> np.ndarray:
     """Returns a picture [H, W, 3] as JPEG with chroma subsampling, with normal noise, blurred, or dark and noisy."""
-    import cv2
-
     if how == "jpeg":
         jpeg = Photo.from_array(picture).to_bytes("jpeg", JPEG_QUALITY)
         return Photo.from_bytes(jpeg).to_array().reshape(picture.shape)
@@ -201,7 +199,7 @@ def disturbed(picture: np.ndarray, how: Disturbance, rng: np.random.Generator) -
     return np.clip(np.round(picture + rng.normal(0, sigma, picture.shape)), 0, 255).astype(np.uint8)
 
 
-_FEWEST_SEGMENTS = 20
+_MIN_SEGMENTS = 20
 _YAWS = np.arange(6) * (math.pi / 2 / 6)
 _TILTS = np.radians([-10, 0, 10, 25])
 
@@ -209,7 +207,7 @@ _TILTS = np.radians([-10, 0, 10, 25])
 def true_attitude(view: View) -> tuple[float, float] | None:
     """Returns roll and tilt [degrees] of an undistorted photo's camera, or None if there are no right angles."""
     segments, size = segments_of(view)
-    if len(segments) < _FEWEST_SEGMENTS:
+    if len(segments) < _MIN_SEGMENTS:
         return None
     likelihood = likelihood_of(view, segments, size)
     yaw, tilt = (a.ravel() for a in np.meshgrid(_YAWS, _TILTS))

@@ -6,6 +6,7 @@ of rotation and the sensor itself, not from the estimate.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from unshutter.motion import Motion, RowMotion
@@ -111,8 +112,6 @@ def _descended(level: _Level, theta: np.ndarray) -> np.ndarray:
 
 def _grey(picture: np.ndarray, scale: float) -> np.ndarray:
     """Returns a float64 [h, w] picture, reduced and slightly blurred."""
-    import cv2
-
     grey = picture.astype(np.float32).mean(axis=-1)
     size = (max(round(picture.shape[1] * scale), 2), max(round(picture.shape[0] * scale), 2))
     small = grey if scale == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
@@ -120,8 +119,6 @@ def _grey(picture: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _look_up(values: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray:
-    import cv2
-
     x, y = col.astype(np.float32), row.astype(np.float32)
     return cv2.remap(values.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 

@@ -1,4 +1,4 @@
-"""Cases of several frames: |R_F| over consecutive frames, and sequences of a turning camera with known motion.
+"""Cases of several frames: |R_F| over consecutive frames, and sequences of a rotating camera with known motion.
 
 The paper gives |R_F| for a video without defining it. Our interpretation: the number of matches between two consecutive
 rectified frames that are inliers of one fundamental matrix, as all would be for a moving global-shutter camera. More is
@@ -10,10 +10,14 @@ A sequence is a photo seen by a camera rotating as recorded, at several readout 
 from __future__ import annotations
 
 import hashlib
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import ClassVar
 
+import cv2
 import numpy as np
 
 from unshutter.frames.sequence import CameraMotion
@@ -27,14 +31,14 @@ from unshutter_lab.evaluation.case import Answer, Case, Example, Loaded, Record,
 from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
 from unshutter_lab.evaluation.pair_cases import Frame
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 TRUTH = "true global shutter"
 _REFERENCE: Reference = "middle"
 _RATIO = 0.75
 _MOST_FEATURES = 3000
 _THRESHOLD = 1.0  # px from the epipolar line
-_FEWEST = 8  # matches required for a fundamental matrix
+_MIN_MATCHES = 8  # matches required for a fundamental matrix
 # a frame: uint8 [H, W, bands], and the bool mask [H, W] of its visible pixels
 _Masked = tuple[np.ndarray, np.ndarray]
 
@@ -98,14 +102,12 @@ def _as_it_is(photo: Photo) -> _Masked:
 
 def agreeing_matches(first: _Masked, second: _Masked, seed: int) -> tuple[int, int]:
     """Returns (inliers of one fundamental matrix, all matches) between two frames."""
-    import cv2
-
     (points_a, words_a), (points_b, words_b) = _features(*first), _features(*second)
     if min(len(points_a), len(points_b)) < 2:
         return 0, 0
     nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(words_a, words_b, k=2)
     distinct = [best for best, next_best in nearest if best.distance < _RATIO * next_best.distance]
-    if len(distinct) < _FEWEST:
+    if len(distinct) < _MIN_MATCHES:
         return 0, len(distinct)
     a, b = points_a[[match.queryIdx for match in distinct]], points_b[[match.trainIdx for match in distinct]]
     _, agreeing = cv2.findFundamentalMat(a, b, _usac(seed))
@@ -114,8 +116,6 @@ def agreeing_matches(first: _Masked, second: _Masked, seed: int) -> tuple[int, i
 
 def _features(picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns positions [N, 2] and descriptors [N, 128] of the strongest SIFT features, away from the mask's border."""
-    import cv2
-
     grey = picture[..., 0] if picture.shape[-1] == 1 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
     inner = cv2.erode(mask.astype(np.uint8) * 255, np.ones((15, 15), np.uint8), borderValue=[255])
     points, words = cv2.SIFT.create(_MOST_FEATURES).detectAndCompute(np.ascontiguousarray(grey), inner)
@@ -123,8 +123,6 @@ def _features(picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _usac(seed: int):
-    import cv2
-
     settings = cv2.UsacParams()
     settings.randomGeneratorState = seed
     settings.threshold = _THRESHOLD
@@ -137,15 +135,83 @@ def _usac(seed: int):
 
 
 RATIO_ESTIMATED, RATIO_KNOWN = "frames-camera", "frames-camera, ratio given"
+
+
+class RotatingClip(Case):
+    """Frames of a rotating camera with known motion. Methods that see one photo get some of them."""
+
+    shown: ClassVar[str]  # the method of several frames whose result is shown
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Title of the case where it is shown."""
+
+    @property
+    @abstractmethod
+    def singles(self) -> Sequence[int]:
+        """Numbers of the frames given to methods that see one photo."""
+
+    @abstractmethod
+    def camera_and_frames(self) -> tuple[RotatingCamera, list[np.ndarray]]:
+        """Returns the camera and its frames, uint8 [H, W, bands]."""
+
+    @abstractmethod
+    def view_of(self, frame: np.ndarray, camera: RotatingCamera) -> View:
+        """Returns a frame as it is given to methods that see one photo."""
+
+    @abstractmethod
+    def more_figures(self, name: str, errors: list[float], ratio: ReadoutRatio | None) -> Record:
+        """Returns further figures of a method, from its errors [px at 256 rows] and the readout ratio that it used."""
+
+    @property
+    def oracles(self) -> tuple[str, ...]:
+        """The methods that see all frames, with and without the readout ratio."""
+        return (RATIO_ESTIMATED, RATIO_KNOWN)
+
+    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
+        """Returns one record per name."""
+        camera, frames = self.camera_and_frames()
+        records = []
+        for name in names:
+            numbers = range(len(frames)) if name in self.oracles else self.singles
+            answers, ratio = self._answers(name, camera, frames, numbers, loaded)
+            truths = [camera.motion(k) for k in numbers]
+            errors = [motion_error(answer.motion, truth).epe for answer, truth in zip(answers, truths, strict=True)]
+            nothing = float(np.mean([epe_of_nothing(truth) for truth in truths]))
+            figures = {"epe": float(np.mean(errors)), "epe_nothing": nothing, **self.more_figures(name, errors, ratio)}
+            records.append({**self.place, "estimator": name, **answers[len(answers) // 2].figures(), **figures})
+        return records
+
+    def show(self, names: list[str], loaded: Loaded) -> Example:
+        """Returns the pictures and curves of the middle frame."""
+        camera, frames = self.camera_and_frames()
+        k = camera.frames // 2
+        names = [*names, self.shown]
+        curves = {name: self._answers(name, camera, frames, [k], loaded)[0][0].motion for name in names}
+        truth = camera.motion(k)
+        pictures = compared(Photo.from_array(frames[k]), {**curves, "true motion": truth})
+        return Example(self.title, pictures, {"truth": truth, **curves})
+
+    def _answers(
+        self, name: str, camera: RotatingCamera, frames: list[np.ndarray], numbers: Sequence[int], loaded: Loaded
+    ) -> tuple[list[Answer], ReadoutRatio | None]:
+        if name in self.oracles:
+            finder = CameraMotion(ReadoutRatio(camera.readout_ratio) if name == RATIO_KNOWN else None)
+            found = [frame.finding() for frame in finder.frames(frames)]
+            return [Answer(found[k], declined=str(found[k].reason or "")) for k in numbers], finder.ratio
+        return [ask(loaded(name), self.view_of(frames[k], camera)) for k in numbers], None
+
+
 RATIOS = (0.3, 0.6, 0.9)
 _FRAMES, _FPS, _NOISE = 60, 30.0, 2.0
 _HEIGHT, _WIDTH, _FOCAL = 360, 640, 550.0  # px
-_EVERY = 12  # every twelfth frame is given to single-photo methods
+_EVERY = 12  # frames from one that is given to methods that see one photo to the next
 _COVERED = 1.645  # standard deviations of a 90 % interval
 
 
 @dataclass(frozen=True)
-class SequenceCase(Case):
+class SequenceCase(RotatingClip):
     """One synthetic sequence."""
 
     photo: str  # name of the photo in its folder
@@ -153,6 +219,8 @@ class SequenceCase(Case):
     log: Path  # recorded camera motion
     ratio: float  # readout time in frame intervals
     seed: int  # seed of the run
+
+    shown = RATIO_ESTIMATED
 
     @property
     def key(self) -> str:
@@ -165,62 +233,38 @@ class SequenceCase(Case):
         return {"suite": f"{_FRAMES} frames", "group": self.log.stem, "photo": self.photo, "draw": self.ratio}
 
     @property
-    def oracles(self) -> tuple[str, ...]:
-        """The methods that see the whole sequence, with and without the readout ratio."""
-        return (RATIO_ESTIMATED, RATIO_KNOWN)
+    def title(self) -> str:
+        """Log and ratio."""
+        return f"{self.log.stem}, ratio {self.ratio}"
 
-    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """Returns one record per name."""
-        camera, frames = self._camera_and_frames()
-        return [self._record(name, camera, frames, loaded) for name in names]
+    @property
+    def singles(self) -> Sequence[int]:
+        """Every twelfth frame."""
+        return range(_EVERY // 2, _FRAMES, _EVERY)
 
-    def show(self, names: list[str], loaded: Loaded) -> Example:
-        """Returns the pictures and curves of the middle frame."""
-        camera, frames = self._camera_and_frames()
-        k = _FRAMES // 2
-        curves = {
-            name: self._motions(name, camera, frames, [k], loaded)[0][0].motion for name in [*names, RATIO_ESTIMATED]
-        }
-        truth = camera.motion(k)
-        pictures = compared(Photo.from_array(frames[k]), {**curves, "true motion": truth})
-        return Example(f"{self.log.stem}, ratio {self.ratio}", pictures, {"truth": truth, **curves})
-
-    def _camera_and_frames(self) -> tuple[TurningCamera, list[np.ndarray]]:
-        """Returns the camera and its frames, which depend only on the seed and the case."""
+    def camera_and_frames(self) -> tuple[RotatingCamera, list[np.ndarray]]:
+        """See :class:`RotatingClip`. Both depend only on the seed and the case."""
         digest = int(hashlib.sha256(self.path.read_bytes() + self.key.encode()).hexdigest(), 16)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, digest]))
         size = {"height": _HEIGHT, "width": _WIDTH, "focal_px": _FOCAL}
-        camera = TurningCamera.drawn(rng, _log(self.log), _FRAMES, fps=_FPS, readout_ratio=self.ratio, **size)
+        camera = RotatingCamera.drawn(rng, _log(self.log), _FRAMES, fps=_FPS, readout_ratio=self.ratio, **size)
         pixels = in_8_bits(Photo.open(self.path))
         return camera, list(camera.rendered(np.ascontiguousarray(pixels), _NOISE, self.seed))
 
-    def _record(self, name: str, camera: TurningCamera, frames: list[np.ndarray], loaded: Loaded) -> Record:
-        numbers = list(range(_FRAMES)) if name in self.oracles else list(range(_EVERY // 2, _FRAMES, _EVERY))
-        answers, ratio = self._motions(name, camera, frames, numbers, loaded)
-        truths = [camera.motion(k) for k in numbers]
-        errors = [motion_error(answer.motion, truth).epe for answer, truth in zip(answers, truths, strict=True)]
-        nothing = [epe_of_nothing(truth) for truth in truths]
-        record = self.place | {"estimator": name, **answers[len(answers) // 2].figures()}
-        record |= {"epe": float(np.mean(errors)), "worst_epe": max(errors), "epe_nothing": float(np.mean(nothing))}
-        return record | (self._of_ratio(ratio) if name == RATIO_ESTIMATED else {})
+    def view_of(self, frame: np.ndarray, camera: RotatingCamera) -> View:
+        """See :class:`RotatingClip`."""
+        return View(Photo.from_array(frame), Camera(focal_px=camera.focal_px))
 
-    def _of_ratio(self, ratio: ReadoutRatio | None) -> Record:
-        if ratio is None:
-            return {"ratio_told": False}
-        error = abs(ratio.value - self.ratio)
-        within = {"ratio_within": error <= 0.1, "ratio_covered": error <= _COVERED * ratio.error}
-        return {"ratio_told": True, "ratio_error": error, "ratio_sigma": ratio.error, **within}
-
-    def _motions(
-        self, name: str, camera: TurningCamera, frames: list[np.ndarray], numbers: list[int], loaded: Loaded
-    ) -> tuple[list[Answer], ReadoutRatio | None]:
-        if name in self.oracles:
-            known = ReadoutRatio(self.ratio) if name == RATIO_KNOWN else None
-            finder = CameraMotion(known)
-            found = [frame.finding() for frame in finder.frames(frames)]
-            return [Answer(found[k], declined=str(found[k].reason or "")) for k in numbers], finder.ratio
-        views = [View(Photo.from_array(frames[k]), Camera(focal_px=camera.focal_px)) for k in numbers]
-        return [ask(loaded(name), view) for view in views], None
+    def more_figures(self, name: str, errors: list[float], ratio: ReadoutRatio | None) -> Record:
+        """See :class:`RotatingClip`."""
+        figures: Record = {"worst_epe": max(errors)}
+        if name == RATIO_ESTIMATED:
+            figures["ratio_told"] = ratio is not None
+            if ratio is not None:
+                error = abs(ratio.value - self.ratio)
+                figures |= {"ratio_error": error, "ratio_sigma": ratio.error}
+                figures |= {"ratio_within": error <= 0.1, "ratio_covered": error <= _COVERED * ratio.error}
+        return figures
 
 
 @lru_cache(maxsize=16)

@@ -1,4 +1,4 @@
-"""Tables of clips for the pages of results, a line for each clip: what was found of it, and what it gained or lost."""
+"""Formats the results of clips as tables, with a line for each clip: what was found, gained and lost."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _UNKNOWN = "–"
 
 
 def real_clip_tables(results: Results) -> str:
-    """Returns what unshutter does to each clip, next to every other program, and where clips come from, as Markdown."""
+    """Returns Markdown tables of what each program does to each clip, and of the clips' sources."""
     clips = _by_clip(results)
     ours = [_own_row(clip, records[OURS]) for clip, records in clips.items() if OURS in records]
     titles = ["clip", "ratio (t)", "readout found, ms", "rms", "95 %", "largest", "sharpness", "result"]
@@ -29,7 +29,7 @@ def real_clip_tables(results: Results) -> str:
 
 
 def rendered_clip_tables(results: Results) -> str:
-    """Returns what each method gains on each clip, and what was found of it, as Markdown."""
+    """Returns Markdown tables of what each method gains on each clip, and of what was found."""
     clips = _by_clip(results)
     rows = [[clip, *(_gain(records.get(name)) for name in results.estimators)] for clip, records in clips.items()]
     parts = [_table(["clip", *(_NAMES.get(name, name) for name in results.estimators)], rows)]

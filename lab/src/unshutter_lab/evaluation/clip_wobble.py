@@ -1,4 +1,4 @@
-"""How much a clip wobbles, by tracks that ``unshutter video`` does not use, and how sharp it is.
+"""Measures the wobble of a clip, by tracks that ``unshutter video`` does not use, and its sharpness.
 
 Tracks are corners of copies of at most 960 px, followed forwards and back, of which most agree with an affine motion.
 From them follow the readout ratio, by regression (``unshutter.video.calibrate.readout_regression``), and the wobble:
@@ -22,7 +22,7 @@ from unshutter.motion.shapes import Float64, UInt8
 from unshutter.video.calibrate.readout_regression import PairMotion, Regression, Run, regression
 
 _LONG_SIDE = 960  # px, of the copies
-_CORNERS, _FEWEST = 700, 40
+_CORNERS, _MIN_TRACKS = 700, 40
 _RETURNS_PX = 0.25  # from where it began, of a corner that is followed back
 _BORDER = 8  # px
 _RANSAC_PX, _AGREEING = 2.5, 0.3
@@ -37,7 +37,7 @@ _FOLLOWING = {"winSize": (17, 17), "maxLevel": 4, "criteria": (3, 30, 0.003), "m
 
 @dataclass(frozen=True)
 class ClipWobble:
-    """What is measured of a clip; pixels are those of the clip."""
+    """Wobble and sharpness of a clip, in its own pixels."""
 
     rms: float  # root mean square of skew and stretch from frame to frame, at the top and bottom rows
     usual: float  # 95th percentile of both together
@@ -147,7 +147,7 @@ def grey_frames(path: Path, end_s: float = np.inf) -> Iterator[tuple[float, UInt
 def followed_corners(
     before: UInt8[np.ndarray, "height width"], after: UInt8[np.ndarray, "height width"]
 ) -> Tracks | None:
-    """Returns the corners of a frame that are found in the next one and back, and agree with most of the others."""
+    """Tracks corners from a frame to the next and back; returns those that agree with most of the others."""
     corners = cv2.goodFeaturesToTrack(before, _CORNERS, 0.005, 9, blockSize=5)
     if corners is None:
         return None
@@ -159,10 +159,10 @@ def followed_corners(
     kept &= (end > _BORDER).all(axis=1) & (end < [width - _BORDER - 1, height - _BORDER - 1]).all(axis=1)
     start = corners[kept, 0].astype(np.float64)
     end = end[kept]
-    if len(start) < _FEWEST:
+    if len(start) < _MIN_TRACKS:
         return None
     agreeing = cv2.estimateAffine2D(start, end, ransacReprojThreshold=_RANSAC_PX, maxIters=500)[1]
     chosen = agreeing[:, 0] > 0
-    if chosen.sum() < max(_FEWEST, _AGREEING * len(start)):
+    if chosen.sum() < max(_MIN_TRACKS, _AGREEING * len(start)):
         return None
     return Tracks(start[chosen], end[chosen], height, width, len(corners))

@@ -1,4 +1,4 @@
-"""Single pictures with a known motion: what estimators are given, what is true, and how their answers are scored."""
+"""Single pictures with a known motion: the estimators' input, the truth, and the scores of their answers."""
 
 from __future__ import annotations
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.shapes import Bool, UInt8
@@ -98,8 +100,6 @@ def ssim(
 
     The mean over channels and over the pixels whose whole window lies in the mask and in the picture; NaN without any.
     """
-    import cv2
-
     window = np.ones((2 * _SSIM_RADIUS + 1,) * 2, np.uint8)
     whole = cv2.erode(mask.astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=[0]) > 0
     if not whole.any():
@@ -111,7 +111,6 @@ def ssim(
 
 def _ssim_map(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns the SSIM index [H, W] of two channels [H, W]; invalid within five pixels of the border."""
-    import cv2
 
     def mean(x: np.ndarray) -> np.ndarray:
         return cv2.GaussianBlur(x, (2 * _SSIM_RADIUS + 1,) * 2, _SSIM_SIGMA)
@@ -141,8 +140,6 @@ def _best_shear(d_col: np.ndarray, d_row: np.ndarray, when: np.ndarray) -> float
 
     t_x does not determine which RS row reads a GS point, so a shear moves columns only.
     """
-    from scipy.optimize import minimize_scalar
-
     most = 4 * np.abs(d_col).max(initial=1.0) + 1
     best = minimize_scalar(
         lambda k: np.hypot(d_col + k * when, d_row).mean(), bounds=(-most, most), options={"xatol": 1e-9}

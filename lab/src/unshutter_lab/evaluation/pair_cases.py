@@ -1,4 +1,4 @@
-"""Inputs of a run in its folders (photos, pairs, frames, recorded motions), and the cases of pairs.
+"""Finds the inputs of a run in its folders (photos, pairs, frames, recorded motions); cases of pairs.
 
 A pair is a rolling-shutter frame and a global-shutter picture taken at the time of its first or middle row. Of
 consecutive frames, results of using a frame's neighbours, and published results of other methods, are judged, too.

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+import pyvips
 
 from unshutter import version
 from unshutter.errors import UnshutterError
@@ -65,7 +67,6 @@ def new_figure(panels: int, height: float = 3.0, rows: int = 1):
 def save_figure(figure: Any, path: Path) -> None:
     """Writes a PNG with a palette: a third of the size, and unlike SVG independent of the number of methods."""
     import matplotlib
-    import pyvips
 
     stream = io.BytesIO()
     with matplotlib.rc_context(_STYLE):
@@ -86,7 +87,7 @@ def _distributions(results: Results):
     rows = -(-len(panels) // 5)
     figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
     for axis, (title, criteria) in zip(axes.flat, panels, strict=False):
-        for name, colour, dashes in looks_of(results):
+        for name, colour, dashes in styles_of(results):
             axis.plot(
                 np.quantile(results.values("epe", estimator=name, **criteria), _QUANTILES),
                 _QUANTILES, color=colour, ls=dashes, lw=1.4, label=_short(name),
@@ -104,7 +105,7 @@ def _against_size(results: Results):
     for axis, (title, criteria) in zip(axes.flat, panels, strict=False):
         size = results.values("epe_nothing", estimator=results.estimators[0], **criteria)
         edges = np.unique(np.quantile(size, np.linspace(0, 1, min(_BINS, max(len(size) // 3, 1)) + 1)))
-        for name, colour, dashes in looks_of(results):
+        for name, colour, dashes in styles_of(results):
             epe = results.values("epe", estimator=name, **criteria)
             own = results.values("epe_nothing", estimator=name, **criteria)
             within = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0))
@@ -135,11 +136,11 @@ def _dots(results: Results):
 
 def _curves(results: Results):
     figure, axes = new_figure(len(results.curves), 5.4, 2)
-    to_source = {name: (colour, dashes) for name, colour, dashes in looks_of(results)}
+    styles = {name: (colour, dashes) for name, colour, dashes in styles_of(results)}
     for column, (title, curves) in enumerate(results.curves.items()):
         for axis, key in zip(axes[:, column], ("tx", "rz"), strict=True):
             for name, curve in curves.items():
-                colour, dashes = to_source.get(name, ("black", "-"))
+                colour, dashes = styles.get(name, ("black", "-"))
                 wide = 2.2 if name == "truth" else 1.2
                 axis.plot(curve["row"], curve[key], color=colour, ls=dashes, lw=wide, label=_short(name))
             axis.set_ylim(*_limits(curves, key))
@@ -163,17 +164,17 @@ def _short(name: str) -> str:
     return name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}"
 
 
-def looks_of(results: Results) -> list[tuple[str, Any, str]]:
+def styles_of(results: Results) -> list[tuple[str, Any, str]]:
     """Returns (name, colour, dashes) of each estimator, consistent across plots; grey for no correction."""
     import matplotlib
 
     colours = [matplotlib.colormaps["tab10"](k) for k in range(10)]
     others = [name for name in results.estimators if name != NOTHING]
-    to_source: dict[str, tuple[Any, str]] = {
+    styles: dict[str, tuple[Any, str]] = {
         name: (colours[k % 10], "-" if k < 10 else "--") for k, name in enumerate(others)
     }
-    to_source[NOTHING] = ("0.5", ":")
-    return [(name, *to_source[name]) for name in results.estimators]
+    styles[NOTHING] = ("0.5", ":")
+    return [(name, *styles[name]) for name in results.estimators]
 
 
 def finish_figure(figure: Any, axes: Any, used: int, label: str) -> None:
@@ -193,16 +194,12 @@ _CAPTION = 18  # px above each picture
 
 def write_sheet(example: Example, path: Path) -> None:
     """Writes a JPEG with all pictures of an example, captioned, in rows."""
-    import pyvips
-
     tiles = [pyvips.Image.new_from_array(_tile(*each)) for each in example.pictures]
     whole = pyvips.Image.arrayjoin(tiles, across=min(_ACROSS, len(tiles)), shim=_GAP, background=[255])
     Photo.from_array(whole.numpy()).save(path, quality=82, overwrite=True)
 
 
 def _tile(caption: str, picture: np.ndarray) -> np.ndarray:
-    import cv2
-
     scale = _SIDE / max(picture.shape[:2])
     size = (round(picture.shape[1] * scale), round(picture.shape[0] * scale))
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

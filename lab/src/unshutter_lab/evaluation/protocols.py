@@ -14,7 +14,7 @@ from unshutter_lab.evaluation.clip_cases import RATIOS, SequenceCase, VideoCase
 from unshutter_lab.evaluation.pair_cases import PairCase, logs_in, pairs_in, photos_in, videos_in
 from unshutter_lab.evaluation.place_cases import place_cases
 from unshutter_lab.evaluation.real_clips import METHODS, SECONDS, RealClipCase, check_programs, clips_in
-from unshutter_lab.evaluation.rendered_clips import FILMINGS, RENDERED_METHODS, RenderedClipCase
+from unshutter_lab.evaluation.rendered_clips import CLIPS, RENDERED_METHODS, RenderedClipCase
 from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
 from unshutter_lab.synthesis.panorama import places_in, shipped_places
 
@@ -121,8 +121,8 @@ def _real_clips(request: Request) -> list[Case]:
 def _rendered_clips(request: Request) -> list[Case]:
     places = [place for folder in _groups(request).values() for place in places_in(folder)]
     places = places or list(shipped_places().values())
-    filmings = FILMINGS[: request.photos]
-    return [RenderedClipCase(filming, places[k % len(places)], request.seed) for k, filming in enumerate(filmings)]
+    clips = CLIPS[: request.photos]
+    return [RenderedClipCase(clip, places[k % len(places)], request.seed) for k, clip in enumerate(clips)]
 
 
 def _places(request: Request) -> list[Case]:

@@ -1,4 +1,4 @@
-"""Real clips, as taken and as programs leave them: how much they wobble, how sharp they are, and who made them worse.
+"""Compares real clips before and after stabilising programs: their wobble, their sharpness, and what got worse.
 
 Nobody knows what a global shutter would have seen, so clips are measured before and after as in ``clip_wobble.py``. The
 programs are ``unshutter video`` without options, and FFmpeg's stabilisers.

@@ -1,4 +1,4 @@
-"""Reliability of confidences: whether they match the share of correct answers, and the gain from dropping unsure ones.
+"""Checks whether confidences match the share of correct answers, and what dropping unsure answers gains.
 
 docs/reference/conventions.md defines the figures.
 """
@@ -165,12 +165,12 @@ def mean_between(figure: Any, order: Any, weight: Any, low: float, high: float) 
     return float(np.average(figure, weights=weight * order.map(inside.clip(lower=0) / size)))
 
 
-def draw_reliability(panels: dict[str, dict[str, Judged]], to_source: list[tuple[str, Any, str]], path: Path) -> None:
+def draw_reliability(panels: dict[str, dict[str, Judged]], styles: list[tuple[str, Any, str]], path: Path) -> None:
     """Draws a reliability diagram, the share of correct answers against the confidence, as a PNG."""
     figure, axes = new_figure(len(panels), 3.4)
     for axis, (title, judged) in zip(axes.flat, panels.items(), strict=True):
         axis.axline((0, 0), (1, 1), color="0.7", lw=0.8, zorder=0)
-        for name, colour, dashes in to_source:
+        for name, colour, dashes in styles:
             if name in judged:
                 _draw_bins(axis, judged[name].bins(), name, colour, dashes)
         axis.set(title=title, xlabel="confidence (mean of a bin)", aspect="equal", xlim=(0, 1), ylim=(-0.02, 1.02))

@@ -63,7 +63,9 @@ class Store:
         """Writes the records of a case to disc."""
         lines = ""
         for name in names:
-            own = [_rounded(record) for record in records if record["estimator"] == name]
+            own = [record for record in records if record["estimator"] == name]
+            # without the last digits, which vary with threads and processors
+            own = [{k: round(v, _DIGITS) if isinstance(v, float) else v for k, v in each.items()} for each in own]
             self._done[key, name] = own
             lines += json.dumps({"key": key, "estimator": name, "records": own}) + "\n"
         add_text(self._path, lines)
@@ -103,11 +105,6 @@ def code_digest(calibrated: bool = True) -> str:
             if path.suffix in (".py", ".npz", ".onnx") or (calibrated and path.name == _CALIBRATION):
                 digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _rounded(record: Record) -> Record:
-    """Rounds off the last digits, which vary with threads and processors."""
-    return {key: round(value, _DIGITS) if isinstance(value, float) else value for key, value in record.items()}
 
 
 def _parsed(line: str) -> dict | None:

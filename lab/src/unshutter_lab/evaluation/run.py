@@ -1,4 +1,4 @@
-"""Runs a whole evaluation: all cases of a protocol in several processes, resumable; then its report."""
+"""Runs an evaluation: judges all cases of a protocol in several processes, resumably, and writes the report."""
 
 from __future__ import annotations
 

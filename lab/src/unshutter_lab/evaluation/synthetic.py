@@ -1,4 +1,4 @@
-"""Pictures with known synthetic motion: how each suite creates them, and how estimates are scored.
+"""Synthesises pictures with known motion for each suite.
 
 The motions of a photo depend only on the seed and the photo's own bytes, as in ``unshutter synthesize``.
 """

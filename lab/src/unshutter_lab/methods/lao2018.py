@@ -25,7 +25,7 @@ from unshutter_lab.methods.curves import (
 SHORT_SIDE = 512  # of the grey copy in which curves are detected [px]
 SHORTEST = 0.1  # of the short side: short curves have no measurable bend
 MOST_CURVES = 150
-FEWEST_CURVES = 4
+MIN_CURVES = 4
 SAMPLES = 200
 SAMPLE_STEPS = 6  # Gauss-Newton steps on each sample
 SAMPLE_PX = 0.2  # error of a point in a sample, relative to the prior of the motion
@@ -43,7 +43,7 @@ class Lao2018(Estimator):
         """Returns uniform rotation; zero motion with a reason if fewer than four curves are found or agree."""
         grey = view.grey(SHORT_SIDE)
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
-        if len(curves) < FEWEST_CURVES:
+        if len(curves) < MIN_CURVES:
             return view.no_motion(self.name, f"only {len(curves)} curves found, four are needed")
         velocity = fit_velocity(curves, grey.shape[0], grey.shape[1], view.focal_px() * grey.shape[0] / view.height)
         if velocity is None:
@@ -59,11 +59,11 @@ def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -
     """
     bends = _Bends(RotatedCurves(curves, height, width, focal_px))
     rng = np.random.default_rng(SEED)
-    samples = np.stack([rng.permutation(len(curves))[:FEWEST_CURVES] for _ in range(SAMPLES)])
+    samples = np.stack([rng.permutation(len(curves))[:MIN_CURVES] for _ in range(SAMPLES)])
     solved = np.concatenate([np.zeros((1, 3)), bends.solve(samples)])  # zero motion is a candidate too
     best = solved[int(np.argmin([bends.cost(v) for v in solved]))]
     straight = np.flatnonzero(bends.spread(best) < INLIER_PX)
-    return bends[straight].refine(best) if len(straight) >= FEWEST_CURVES else None
+    return bends[straight].refine(best) if len(straight) >= MIN_CURVES else None
 
 
 class _Bends:

@@ -20,9 +20,9 @@ from unshutter_lab.methods.curves import geman_mcclure, minimise
 
 SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
 SHORTEST_PX = 15.0
-FEWEST_SEGMENTS = 8  # twice the number the solver needs
+MIN_SEGMENTS = 8  # twice the number the solver needs
 INLIER = 0.005  # of (vanishing point . normal)^2
-FEWEST_INLIERS = 0.75  # share of the segments; with fewer, nothing is undone
+MIN_INLIERS = 0.75  # share of the segments; with fewer, nothing is undone
 LARGEST_RATE = 1.0
 SAMPLES = 500
 BATCH = 50  # samples between checks of whether enough were drawn
@@ -39,7 +39,7 @@ class Purkait2017(Estimator):
         height, width = grey.shape
         segments = find_segments(grey)
         segments = segments[np.hypot(*(segments[:, 2:] - segments[:, :2]).T) >= SHORTEST_PX]
-        if len(segments) < FEWEST_SEGMENTS:
+        if len(segments) < MIN_SEGMENTS:
             return view.no_motion(self.name, f"only {len(segments)} segments of {SHORTEST_PX:g} px found")
         focal_px = view.focal_px() * height / view.height
         center = np.array([(width - 1) / 2, (height - 1) / 2] * 2)
@@ -47,7 +47,7 @@ class Purkait2017(Estimator):
         if fits is None:
             return view.no_motion(self.name, "no four segments fit three orthogonal vanishing points")
         rate, share = fits
-        if share < FEWEST_INLIERS:
+        if share < MIN_INLIERS:
             return view.no_motion(self.name, f"only {share:.0%} of the segments fit a Manhattan world")
         y = (np.arange(view.height) - (view.height - 1) / 2) / view.focal_px()
         return view.rotation_motion(np.stack([0 * y, 0 * y, -rate * y], axis=1), self.name)

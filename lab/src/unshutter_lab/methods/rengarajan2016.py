@@ -24,7 +24,7 @@ from unshutter_lab.methods.curves import (
 SHORT_SIDE = 512  # of the grey copy in which curves are detected [px]
 SHORTEST = 0.05  # of the short side: length of a prominent curve
 MOST_CURVES = 250
-FEWEST_CURVES = 6
+MIN_CURVES = 6
 DEGREE = 3  # of the polynomials in the row
 NEAR = np.radians(25)  # curves within this angle of the vertical or the horizontal belong to that class
 # Scales: the residual with a cost of 1. From coarse to fine, those of lines and angles approach the picture's own
@@ -47,7 +47,7 @@ class Rengarajan2016(Estimator):
         """Returns polynomial rotations; zero motion with a reason if there are too few curves."""
         grey = view.grey(SHORT_SIDE)
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
-        if len(curves) < FEWEST_CURVES:
+        if len(curves) < MIN_CURVES:
             return view.no_motion(self.name, f"only {len(curves)} prominent curves found")
         coefficients = fit_rotations(
             curves, grey.shape[0], grey.shape[1], view.focal_px() * grey.shape[0] / view.height

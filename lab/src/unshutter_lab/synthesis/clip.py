@@ -1,4 +1,4 @@
-"""Videos with known motion: a photo seen by a camera rotating as recorded.
+"""Synthesises videos and motion photos with known motion: a photo seen by a camera that rotates as recorded.
 
 ``unshutter synthesize --video`` writes two: one is taken with a rolling shutter, the other with a global shutter at the
 times of the middle rows. Both have sound.
@@ -21,6 +21,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import IO, Any
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
@@ -32,7 +33,7 @@ from unshutter.photo import Photo
 from unshutter.progress import Progress
 from unshutter_lab.synthesis.options import Synthesize, SynthesizeClip
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera, seen
+from unshutter_lab.synthesis.sequences import RotatingCamera, seen
 
 _SOUND = 48_000  # samples per second
 _TONE = 440  # Hz
@@ -51,7 +52,7 @@ def synthesize_clip(photo: Path, output: Path, pictures: Synthesize, clip: Synth
     rng, log = np.random.default_rng(pictures.seed), RotationLog.load_steady(pictures.trajectory)
     frames, (width, height) = max(2, round(clip.seconds * clip.fps)), clip.size
     seen = {"fps": clip.fps, "height": height, "width": width, "focal_px": pictures.focal_px}
-    camera = TurningCamera.drawn(rng, log, frames, readout_ratio=ratio, **seen)
+    camera = RotatingCamera.drawn(rng, log, frames, readout_ratio=ratio, **seen)
     pixels = Photo.open(photo).to_array()
     if pixels.dtype != np.uint8 or pixels.ndim != 3:
         raise UnshutterError(f"{photo}: clips are made from colour photos of 8 bits")
@@ -82,7 +83,7 @@ def _new_folder(folder: Path) -> Iterator[Path]:
 def write_video(
     target: str | IO[bytes],
     frames: Iterable[UInt8[np.ndarray, "h w *bands"]],
-    camera: TurningCamera,
+    camera: RotatingCamera,
     crf: int = 12,
     sound: bool = True,
     bar: Progress | None = None,
@@ -139,10 +140,10 @@ class Stabilisation(StrEnum):
 
 
 @dataclass(frozen=True)
-class FilmedStill:
+class SyntheticMotionPhoto:
     """A still and its video."""
 
-    camera: TurningCamera  # camera of the video
+    camera: RotatingCamera  # camera of the video
     taken: float  # time at which the first row of the still was exposed [frame intervals since the video's first row]
     readout: float  # readout time of the still [frame intervals]. height, width: size of the still [px].
     height: int
@@ -175,8 +176,6 @@ class FilmedStill:
 
     def motion_photo(self, scene: UInt8[np.ndarray, "rows columns"], quality: int = 92) -> bytes:
         """Returns a JPEG followed by the video, as written by Google's phones."""
-        import cv2
-
         stream = io.BytesIO()
         write_video(stream, self.video(scene), self.camera, crf=20, sound=False)
         video = stream.getvalue()
@@ -217,6 +216,4 @@ class FilmedStill:
 
 def _softened(scene: np.ndarray, scale: float) -> np.ndarray:
     """Avoids aliasing in pictures that are smaller than the scene by this factor."""
-    import cv2
-
     return cv2.GaussianBlur(scene, (0, 0), 0.4 * scale) if scale > 1.3 else scene

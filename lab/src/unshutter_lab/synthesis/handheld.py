@@ -1,4 +1,4 @@
-"""Cameras in drawn hands: which way they look, how they shake, and how they pan.
+"""Draws the attitude of hand-held cameras, their shake and their pans.
 
 A hand's angular acceleration is white from 0.2 to 8 Hz, and alike about all three axes. Its two-sided density differs
 from person to person: between 1 and 4 Hz, a log of a phone has 0.3 to 0.8 rad^2/s^4/Hz, those of TUM-VI 0.5 to 5.9.

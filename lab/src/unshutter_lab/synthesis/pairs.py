@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
@@ -39,8 +40,6 @@ def synthesize(photo: np.ndarray, drawn: DrawnMotion, exposure: float = 0.0) -> 
         drawn: the motion.
         exposure: exposure time of each row, in readout times of the picture; 0 for no blur.
     """
-    import cv2
-
     side = drawn.canvas.height
     square = np.ascontiguousarray(_middle_square(photo, min(photo.shape[:2])))
     method = cv2.INTER_AREA if len(square) >= side else cv2.INTER_LINEAR

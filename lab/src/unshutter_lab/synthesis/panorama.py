@@ -1,7 +1,7 @@
-"""Places: cube maps of real surroundings, and what a camera sees in them, each of its rows at an attitude of its own.
+"""Renders what a camera sees in a place, a cube map of real surroundings, with an attitude for each row.
 
-A camera that only turns sees nothing but directions, so its pictures are exact: every row of a rolling shutter looks
-its own way, and no pixel is missing at the borders.
+A camera that only rotates sees nothing but directions, so its pictures are exact, and no pixel is missing at the
+borders.
 
 Axes of a place, and of a camera at yaw, tilt and roll 0: x to the right, y down, z ahead; the horizon is level. The six
 faces of a cube map are square pictures of 90 degrees: posz ahead, posx to the right, negz behind, negx to the left,
@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
@@ -67,7 +68,7 @@ class _Level:
 
 
 class Place:
-    """A cube map, ready to be looked at."""
+    """A cube map at several sizes."""
 
     def __init__(self, faces: Mapping[str, UInt8[np.ndarray, "n n 3"]]):
         missing = [name for name in FACES if name not in faces]
@@ -82,8 +83,6 @@ class Place:
     @classmethod
     def load(cls, folder: Path) -> Place:
         """Reads the six faces in a folder, as RGB: posx.jpg and so on, or PNG."""
-        import cv2
-
         faces = {}
         for name in FACES:
             file = next((path for path in sorted(folder.glob(f"{name}.*"))), None)
@@ -107,8 +106,8 @@ class Place:
             rows: the row matrices of a motion; None for a camera that stands still.
         """
         matrices = np.broadcast_to(np.eye(3), (camera.height, 3, 3)) if rows is None else rows
-        to_source = pixel_directions(camera.attitude() @ matrices, camera.focal_px, camera.width)
-        return self._along(*to_source, camera.focal_px)
+        directions = pixel_directions(camera.attitude() @ matrices, camera.focal_px, camera.width)
+        return self._along(*directions, camera.focal_px)
 
     def along(
         self, directions: Float[np.ndarray, "height width 3"], focal_px: float
@@ -117,8 +116,6 @@ class Place:
         return self._along(directions[..., 0], directions[..., 1], directions[..., 2], focal_px)
 
     def _along(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, focal_px: float) -> UInt8[np.ndarray, "h w 3"]:
-        import cv2
-
         # the smallest faces that are nearly as fine as the picture, since larger ones would be sampled too coarsely
         fine = (level for level in self._levels if level.side / 2 >= LEAST_FINE * focal_px)
         level = min(fine, key=lambda level: level.side, default=self._levels[0])
@@ -185,7 +182,7 @@ def attitude_matrix(
 def pixel_directions(
     matrices: Float[Array, "*at height 3 3"], focal_px: float | Float[Array, "*at 1"], width: int
 ) -> tuple[Float32[Array, "*at height width"], Float32[Array, "*at height width"], Float32[Array, "*at height width"]]:
-    """Returns x, y, z of the directions in which a camera's pixels look, for the matrix of each of its rows."""
+    """Returns x, y, z of the viewing directions of a camera's pixels, for the matrix of each of its rows."""
     xp = namespace(matrices)
     height = matrices.shape[-3]
     rows, cols = (xp.arange(n, dtype=matrices.dtype, device=matrices.device) for n in (height, width))
@@ -238,8 +235,6 @@ def face_directions(name: str, side: int, border: int = 0) -> Float64[np.ndarray
 
 def _levels(faces: list[np.ndarray]) -> list[_Level]:
     """Returns the faces at their own size, and halved again and again."""
-    import cv2
-
     levels = [_Level(len(faces[0]), _with_borders(faces))]
     while levels[-1].side % 2 == 0 and levels[-1].side > _LEAST_SIDE:
         side = levels[-1].side // 2
@@ -250,8 +245,6 @@ def _levels(faces: list[np.ndarray]) -> list[_Level]:
 
 def _with_borders(faces: list[np.ndarray]) -> np.ndarray:
     """Returns the atlas: faces one above the other, each with a border that shows what its neighbours do."""
-    import cv2
-
     side = len(faces[0])
     edges = [(_BORDER, _BORDER)] * 2
     atlas = np.concatenate([np.pad(face, [*edges, (0, 0)], mode="edge") for face in faces])

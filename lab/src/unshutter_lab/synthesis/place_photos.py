@@ -1,4 +1,4 @@
-"""Photos of places by a camera that moves while its rows are read: their exact motion, blur, noise and compression."""
+"""Renders photos of places by a camera that moves during readout: exact motion, blur and noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST_MOMENTS = 33
 
 
 class Moving(ABC):
-    """How a camera moves while its rows are read; it stands at its own attitude when the first one is."""
+    """The motion of a camera during readout, relative to its attitude at the first row."""
 
     @abstractmethod
     def matrices(self, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3 3"]:
@@ -33,8 +33,8 @@ class Moving(ABC):
 
 
 @dataclass(frozen=True)
-class Turning(Moving):
-    """A camera that turns as a log says; its first row is read at the time 0 of the log."""
+class Rotating(Moving):
+    """A camera that rotates as recorded in a log; its first row is read at the log's time 0."""
 
     camera: Camera
     log: RotationLog

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
@@ -19,8 +20,8 @@ _FARTHEST = np.radians(50)  # from the centre of the photo's plane; beyond this,
 
 
 @dataclass(frozen=True)
-class TurningCamera:
-    """A camera that rotates in place as recorded in a log, which must be long enough and not turn too far."""
+class RotatingCamera:
+    """A camera that rotates in place as recorded in a log, which must be long enough and not rotate too far."""
 
     log: RotationLog  # recorded rotation
     start_s: float  # time of the log at which the first row of frame 0 is exposed [s]
@@ -49,8 +50,8 @@ class TurningCamera:
     @classmethod
     def drawn(
         cls, rng: np.random.Generator, log: RotationLog, frames: int, tries: int = 200, fps: float = 30.0, **camera
-    ) -> TurningCamera:
-        """Returns a camera with a random start in the log from which it does not turn too far."""
+    ) -> RotatingCamera:
+        """Returns a camera with a random start in the log from which it does not rotate too far."""
         for _ in range(tries):
             start = log.draw_start(rng, cls.duration_s(frames, fps))
             try:
@@ -83,8 +84,6 @@ class TurningCamera:
             seed: seed of the noise.
             global_shutter: all rows are taken at the time of the middle one.
         """
-        import cv2
-
         rng = np.random.default_rng(seed)
         scale = min(photo.shape[0] / self.height, photo.shape[1] / self.width)  # px of the photo per px of the frame
         if scale > 1:  # avoids aliasing
@@ -118,8 +117,6 @@ def seen(
     lens: Lens | None = None,
 ) -> UInt8[np.ndarray, "height width *bands"]:
     """Returns a picture whose rows see a scene at these rotations; ``scale`` is px of the scene per picture px."""
-    import cv2
-
     height, back = len(rotations), rotations.transpose(0, 2, 1)
     x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
     fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * focal_px  # [H, 3]

@@ -1,4 +1,4 @@
-"""Places side by side in one tensor, so that a batch of cameras looks at them at once, on a GPU, too."""
+"""Stores places side by side in one tensor, so that a batch of cameras can see them at once, also on a GPU."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 TEXTURE = 640  # px of a wall's texture
@@ -13,8 +14,6 @@ def draw_facades(size: int, seed: int) -> np.ndarray:
 
     The camera is level; its walls stand at right angles to each other.
     """
-    import cv2
-
     dice = np.random.default_rng(seed)
     side = size * _FINER
     picture = _sky_and_ground(dice, side)
@@ -103,8 +102,6 @@ def _windows(dice: np.random.Generator, wall: np.ndarray, floors: int, columns: 
 
 def _hang(picture: np.ndarray, texture: np.ndarray, quad: np.ndarray) -> None:
     """Draws a texture into the quadrilateral [4, 2] (top left, top right, bottom right, bottom left)."""
-    import cv2
-
     last = TEXTURE - 1
     corners = np.array([[0, 0], [last, 0], [last, last], [0, last]], np.float32)
     matrix = cv2.getPerspectiveTransform(corners, quad.astype(np.float32))
@@ -114,8 +111,6 @@ def _hang(picture: np.ndarray, texture: np.ndarray, quad: np.ndarray) -> None:
 
 def _clutter(dice: np.random.Generator, picture: np.ndarray) -> None:
     """Draws poles, wires and bushes."""
-    import cv2
-
     side = len(picture)
     for _ in range(dice.integers(0, 4)):
         col, top = dice.uniform(0, side), dice.uniform(0.1, 0.6) * side
@@ -134,7 +129,5 @@ def _clutter(dice: np.random.Generator, picture: np.ndarray) -> None:
 
 def clouds(dice: np.random.Generator, side: int) -> np.ndarray:
     """Returns [side, side] smooth noise of about -1 ... 1."""
-    import cv2
-
     coarse = dice.uniform(-1, 1, (int(dice.integers(3, 30)), int(dice.integers(3, 30)))).astype(np.float32)
     return cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC)

@@ -54,7 +54,7 @@ class KandulaRecipe(PixelRecipe):
         again = round(self.weights.again * self.config.batch)
         rs = samples.rs
         if again:
-            rs, truth = self._seen_again(network, rs, truth, again)
+            rs, truth = self.seen_again(network, rs, truth, again)
         motion, row_map = network(rs, rows=self.weights.row_residual > 0)
         square = _off(motion_mse, motion, truth)
         error = square if self.weights.regress_norm == "square" else _off(motion_distance, motion, truth)
@@ -66,7 +66,7 @@ class KandulaRecipe(PixelRecipe):
         return loss + self.weights.row_residual * row_error, figures | {"row_map": row_error.item()}
 
     @torch.no_grad()
-    def _seen_again(self, network: nn.Module, rs: Tensor, truth: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    def seen_again(self, network: nn.Module, rs: Tensor, truth: Tensor, count: int) -> tuple[Tensor, Tensor]:
         """Returns pictures, the first of them rectified by the network, and the motions still to be found."""
         network.eval()
         motion = cast(Kandula2020, network).one_look(rs[:count])

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -122,8 +123,6 @@ def load_photos(folder: Path, short_side: int) -> list[np.ndarray]:
 
 
 def _load(file: Path, short_side: int) -> np.ndarray | None:
-    import cv2
-
     try:
         data = np.fromfile(file, dtype=np.uint8)
     except OSError:
@@ -141,8 +140,6 @@ def _load(file: Path, short_side: int) -> np.ndarray | None:
 
 def draw_picture(size: int, seed: int) -> np.ndarray:
     """Draws a street: sky, facades with windows, wires, grain. [3, size, size] uint8 RGB."""
-    import cv2
-
     dice = np.random.default_rng(seed)
     ramp = np.linspace(0, 1, size)[:, None, None]
     sky = dice.uniform(90, 250, 3) * (1 - ramp) + dice.uniform(60, 200, 3) * ramp

@@ -1,7 +1,7 @@
-"""Training samples from places: views of cube maps, a new one for every sample, so that none is seen twice.
+"""Draws training samples from places: a new view of a cube map for every sample.
 
-The camera turns as people hold theirs, at times towards towers. It moves by the paper's quadratics, or turns about all
-three axes as hands do and when it pans; the network's answer is then the t_x and r_z that come nearest.
+The camera is held as people hold theirs, at times towards towers. It moves by the paper's quadratics, or rotates about
+all three axes, as hands and pans do; the network's answer is then the t_x and r_z that come nearest.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _UPWARDS = {"hand": (0.05, 0.015, 0.004), "pan": (0.012, 0.004, 0.002)}
 
 @dataclass(frozen=True)
 class PlacesConfig:
-    """Places, and how they are looked at. Angles in degrees; a spread is a standard deviation."""
+    """Places, and the cameras that see them. Angles in degrees; a spread is a standard deviation."""
 
     folder: str = ""  # cube maps, a folder each (synthesis/panorama.py); those of the benchmark are left out
     share: float = 0.0  # share of the training samples that show them
@@ -74,7 +74,7 @@ class _Moves:
     tx: Tensor  # in rows of the picture
     rz: Tensor  # rad
     up: Tensor  # in rows of the picture
-    turns: Tensor  # [B] whether the camera turns about all three axes; else these are the paper's t_x and r_z
+    rotates: Tensor  # [B] whether the camera rotates about all three axes; else these are the paper's t_x and r_z
 
 
 class PlaceViews:
@@ -129,8 +129,8 @@ class PlaceViews:
         return chosen + is_drawn * len(self.places)
 
     def _seen(self, which: Tensor, cameras: _Cameras, matrices: Tensor, size: int) -> Tensor:
-        to_source = pixel_directions(cameras.attitude[:, None] @ matrices, cameras.focal_px[:, None], size)
-        return self._atlases(which.device).seen(which, to_source, cameras.focal_px)
+        directions = pixel_directions(cameras.attitude[:, None] @ matrices, cameras.focal_px[:, None], size)
+        return self._atlases(which.device).seen(which, directions, cameras.focal_px)
 
     def _atlases(self, device: torch.device) -> Atlases:
         if self._held is None:
@@ -198,7 +198,7 @@ def _rows(moves: _Moves, focal_px: Tensor, size: int) -> tuple[Tensor, Tensor, T
     moved_px = focal * rotated[..., 0, 2] / rotated[..., 2, 2]
     angle = torch.arctan2(-rotated[..., 0, 1], rotated[..., 1, 1])
     nearest = torch.linalg.pinv(powers)
-    rotations = moves.turns[:, None]
+    rotations = moves.rotates[:, None]
     label_tx = torch.where(rotations, moved_px @ nearest, moves.tx * size)
     label_rz = torch.where(rotations, angle @ nearest, moves.rz)
     matrices = torch.where(rotations[..., None, None], rotated.transpose(-1, -2), paper_matrices(tx, rz, focal))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from unshutter_lab.synthesis.panorama import FACES, face_directions
@@ -101,8 +102,6 @@ def _box(
 
 def _reduced(texture: np.ndarray, start: np.ndarray, end: np.ndarray, height: float, side: int) -> np.ndarray:
     """Returns a texture about as large as the wall is seen, so that it is not sampled too coarsely."""
-    import cv2
-
     near = max(float(min(np.hypot(*start), np.hypot(*end), np.hypot(*(start + end)) / 2)), 0.5)
     px = side / 2 / near
     columns, rows = (int(np.clip(px * length, 8, TEXTURE)) for length in (np.hypot(*(end - start)), height))
@@ -151,8 +150,6 @@ def _background(
 
 def _repeated(texture: np.ndarray, across: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Samples a texture that repeats every unit."""
-    import cv2
-
     side = len(texture)
     col, row = ((place - np.floor(place)) * side for place in (across, along))
     return cv2.remap(texture, col.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR, None, cv2.BORDER_WRAP)
@@ -177,8 +174,6 @@ def _hang(picture: np.ndarray, directions: np.ndarray, walls: list[_Wall]) -> No
 
 def _paste(picture: np.ndarray, texture: np.ndarray, at: np.ndarray, down: np.ndarray, seen: np.ndarray) -> None:
     """Draws a texture, at [n, n] and down [n, n] shares of its width and height, where it is seen."""
-    import cv2
-
     part = tuple(slice(int(line.min()), int(line.max()) + 1) for line in np.nonzero(seen))
     rows, columns = texture.shape[:2]
     where = (at[part] * columns - 0.5).astype(np.float32), (down[part] * rows - 0.5).astype(np.float32)

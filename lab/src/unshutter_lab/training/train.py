@@ -4,7 +4,8 @@
 
 A run is stored in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, once finished, model.onnx or model.npz. A run
 that is started again resumes from its last checkpoint with the same batches: step k draws its batch from the seed and
-k alone. Needs only torch, NumPy and array-api-compat (and onnx for the export), so it also runs on a bare GPU machine.
+k alone. Needs only torch, NumPy, OpenCV and array-api-compat (and onnx for the export), so it also runs on a bare
+GPU machine.
 """
 
 from __future__ import annotations

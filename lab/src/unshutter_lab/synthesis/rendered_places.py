@@ -1,4 +1,4 @@
-"""Clips of places whose every pixel is known: hands that turn fast and walk, lenses, people who pass, little light.
+"""Renders clips of places with an exact map: fast hands, walking, lenses, people who pass, little light.
 
 Pictures are rendered at three times their size and averaged down. What is near or moves by itself stands on planes one
 unit ahead of the camera's first axes: a fence, where the camera moves sideways, too, and figures that walk. The place
@@ -22,7 +22,7 @@ from unshutter.motion.shapes import Bool, Float, Float32, Float64, UInt8
 from unshutter_lab.synthesis.handheld import draw_hand
 from unshutter_lab.synthesis.panorama import Camera, Place
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import RotatingCamera
 
 FINER = 3  # times the size at which pictures are rendered
 _BEYOND = 40  # rows above and below a frame in which surfaces are looked for
@@ -42,8 +42,8 @@ _USUAL_SHIFT = 90  # percentile of the frames' largest shifts
 
 
 @dataclass(frozen=True)
-class Filming:
-    """How a clip is filmed."""
+class ClipSettings:
+    """Settings of a rendered clip."""
 
     name: str
     fps: float
@@ -65,28 +65,28 @@ class Filming:
 
 @dataclass(frozen=True)
 class Seen:
-    """What the pixels of a picture see."""
+    """The surface that each pixel of a picture sees."""
 
     surface: UInt8[np.ndarray, "h w"]  # 0: the place; 1: the fence; from 2 on: figures
     far: Float32[np.ndarray, "h w 3"]  # direction, in the camera's first axes
     near: Float32[np.ndarray, "h w 2"]  # place on its plane, about the surface's own origin [units]
 
 
-class FilmedPlace:
-    """A place, and the camera that videos it."""
+class RenderedPlace:
+    """A place, and the camera that records it."""
 
-    def __init__(self, filming: Filming, place: Place, rng: np.random.Generator):
-        self.filming = filming
+    def __init__(self, settings: ClipSettings, place: Place, rng: np.random.Generator):
+        self.settings = settings
         self._place = place
         self._attitude = Camera(1, 1, 1.0, yaw=float(rng.uniform(0, 360))).attitude().astype(np.float32)
         self.lens: Lens | None = None
-        if filming.k is None:
-            self.focal_px = filming.width / 2 / float(np.tan(np.radians(filming.degrees / 2)))
+        if settings.k is None:
+            self.focal_px = settings.width / 2 / float(np.tan(np.radians(settings.degrees / 2)))
         else:
-            shape = Lens(1.0, filming.k)
-            reach = np.hypot(1, filming.width / filming.height) / 2
-            self.lens = replace(shape, focal=float(reach / shape.distance(np.radians(filming.degrees / 2))))
-            self.focal_px = self.lens.focal * filming.height
+            shape = Lens(1.0, settings.k)
+            reach = np.hypot(1, settings.width / settings.height) / 2
+            self.lens = replace(shape, focal=float(reach / shape.distance(np.radians(settings.degrees / 2))))
+            self.focal_px = self.lens.focal * settings.height
         self.camera = self._drawn(rng)
         self._known_rays: dict[int, np.ndarray] = {}  # by how much finer they are than the frames
 
@@ -95,41 +95,43 @@ class FilmedPlace:
         """Largest shift of a frame in the true motion; nine in ten frames have less."""
         return _usual_shift(self.camera)
 
-    def _drawn(self, rng: np.random.Generator) -> TurningCamera:
-        """Returns the camera in a hand that does not turn too far.
+    def _drawn(self, rng: np.random.Generator) -> RotatingCamera:
+        """Returns the camera in a hand that does not rotate too far.
 
         Raises:
             UnshutterError: all hands that were drawn do.
         """
         for _ in range(_TRIES):
             with suppress(UnshutterError):
-                return self._turning(draw_hand(rng, self.filming.frames / self.filming.fps + 0.5))
-        raise UnshutterError(f"{self.filming.name}: hands that shake as fast turn the camera away: ask for less shift")
+                return self._turning(draw_hand(rng, self.settings.frames / self.settings.fps + 0.5))
+        raise UnshutterError(
+            f"{self.settings.name}: hands that shake as fast rotate the camera away: ask for less shift"
+        )
 
-    def _turning(self, log: RotationLog) -> TurningCamera:
-        """Returns the camera, turning so fast that it shifts pixels as the filming says."""
-        f = self.filming
+    def _turning(self, log: RotationLog) -> RotatingCamera:
+        """Returns the camera, rotating so fast that pixels shift by as much as the settings say."""
+        f = self.settings
         size = {"height": f.height, "width": f.width, "focal_px": self.focal_px, "lens": self.lens}
         ratio = f.readout_ms * f.fps / 1000
-        slow = TurningCamera(_faster(log, 0.1), 0.1, f.frames, f.fps, ratio, **size)
+        slow = RotatingCamera(_faster(log, 0.1), 0.1, f.frames, f.fps, ratio, **size)
         fast = _faster(log, 0.1 * f.shift_px / _usual_shift(slow))
         return replace(slow, log=fast if f.vibration is None else _vibrating(fast, *f.vibration))
 
     def shown(self, frame: int) -> int:
         """Returns the number of the picture that a frame shows: its own, or its predecessor's if that is repeated."""
-        every = self.filming.repeated
+        every = self.settings.repeated
         return frame - 1 if every and frame % every == every - 1 else frame
 
     def pictures(self, is_global: bool) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
         """Yields the frames, RGB, without noise."""
         picture = None
-        for frame in range(self.filming.frames):
+        for frame in range(self.settings.frames):
             if picture is None or self.shown(frame) == frame:
                 picture = self._picture(frame, is_global)
             yield picture
 
     def _picture(self, frame: int, is_global: bool) -> UInt8[np.ndarray, "height width 3"]:
-        f = self.filming
+        f = self.settings
         times = self._times(frame, is_global, FINER)
         moments = _EXPOSED * ((np.arange(_MOMENTS) + 0.5) / _MOMENTS - 0.5) if f.dark else np.zeros(1)
         light = np.zeros((f.height, f.width, 3), np.float32)
@@ -175,7 +177,7 @@ class FilmedPlace:
 
         Also returns whether it shows the same still surface there, a pixel or more away from what hides or moves.
         """
-        f = self.filming
+        f = self.settings
         wanted = self.seen(self._times(frame, True, 1))
         own = np.stack(np.meshgrid(np.arange(f.width), np.arange(f.height)), axis=-1).astype(np.float64)
         rows = np.arange(-_BEYOND, f.height + _BEYOND)
@@ -201,28 +203,28 @@ class FilmedPlace:
         return at.astype(np.float32), still
 
     def _times(self, frame: int, is_global: bool, finer: int) -> Float64[np.ndarray, "h"]:
-        rows = (np.arange(self.filming.height * finer) + 0.5) / finer - 0.5
+        rows = (np.arange(self.settings.height * finer) + 0.5) / finer - 0.5
         times = self._row_times(frame, rows)
         return np.full_like(times, frame + self.camera.readout_ratio / 2) if is_global else times
 
     def _row_times(self, frame: int, rows: np.ndarray) -> Float64[np.ndarray, "rows"]:
-        return frame + self.camera.readout_ratio * (rows + 0.5) / self.filming.height
+        return frame + self.camera.readout_ratio * (rows + 0.5) / self.settings.height
 
     def _origins(self, times: Float64[np.ndarray, "t"]) -> Iterator[tuple[int, Float64[np.ndarray, "t 2"]]]:
         """Yields the origin of each near surface, as seen from the camera at times [units]."""
-        seconds = times / self.filming.fps
+        seconds = times / self.settings.fps
         moved = np.zeros((len(times), 2))
-        if self.filming.walks:
+        if self.settings.walks:
             moved = np.stack([size * np.sin(2 * np.pi * hertz * seconds) for size, hertz in (_SWAY, _BOB)], axis=-1)
             yield _FENCE, -moved
-        for number, (place, speed) in enumerate(_WALKS[: self.filming.figures]):
+        for number, (place, speed) in enumerate(_WALKS[: self.settings.figures]):
             yield _FIGURES + number, np.stack([place + speed * seconds, 0 * seconds], axis=-1) - moved
 
     def _rays(self, finer: int) -> Float32[np.ndarray, "h w 3"]:
         """Returns the directions in which the pixels of a picture look, in the camera's axes."""
         if finer in self._known_rays:
             return self._known_rays[finer]
-        f = self.filming
+        f = self.settings
         sides = (((np.arange(n * finer) + 0.5) / finer - n / 2) / self.focal_px for n in (f.width, f.height))
         x, y = np.meshgrid(*sides)
         directions = (x, y, np.ones_like(x)) if self.lens is None else self.lens.direction(x, y)
@@ -235,11 +237,11 @@ class FilmedPlace:
             at = rays[..., :2] / np.maximum(rays[..., 2:], 1e-3)
         else:
             at = np.stack(self.lens.position(*np.moveaxis(rays, -1, 0)), axis=-1)
-        return at * self.focal_px + [(self.filming.width - 1) / 2, (self.filming.height - 1) / 2]
+        return at * self.focal_px + [(self.settings.width - 1) / 2, (self.settings.height - 1) / 2]
 
 
 def _faster(log: RotationLog, times: float) -> RotationLog:
-    """Returns a log in which the camera turns so many times as fast."""
+    """Returns a log in which the camera rotates ``times`` as fast."""
     return RotationLog(log.t_s, log.yaw_rad_s * times, log.roll_rad_s * times, log.pitch_rad_s * times)
 
 
@@ -251,7 +253,7 @@ def _vibrating(log: RotationLog, hertz: float, degrees: float) -> RotationLog:
     return RotationLog(log.t_s, log.yaw_rad_s + yaw, log.roll_rad_s + roll, log.pitch_rad_s + pitch)
 
 
-def _usual_shift(camera: TurningCamera) -> float:
+def _usual_shift(camera: RotatingCamera) -> float:
     shifts = [camera.motion(frame, "middle").largest_px for frame in range(0, camera.frames, 3)]
     return float(np.percentile(shifts, _USUAL_SHIFT))
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from unshutter_lab.synthesis.filmed_places import FilmedPlace, Filming
 from unshutter_lab.synthesis.panorama import Place, shipped_places
+from unshutter_lab.synthesis.rendered_places import ClipSettings, RenderedPlace
 
-SMALL = Filming("small", 30, 20, 4, 6, height=109, width=192)
+SMALL = ClipSettings("small", 30, 20, 4, 6, height=109, width=192)
 BENT = {"degrees": 122, "k": (0.15, -0.12, 0.04, -0.006)}
 
 
@@ -20,8 +20,8 @@ def place() -> Place:
     return Place.load(shipped_places()["potsdamer_platz"])
 
 
-def filmed(**more: object) -> FilmedPlace:
-    return FilmedPlace(replace(SMALL, **more), place(), np.random.default_rng(2))
+def filmed(**more: object) -> RenderedPlace:
+    return RenderedPlace(replace(SMALL, **more), place(), np.random.default_rng(2))
 
 
 @pytest.mark.parametrize("more", [{}, BENT])
