@@ -21,6 +21,7 @@ from unshutter.video.calibrate.cameras import _KINDS
 
 TARGET = Path(__file__).parents[2] / "src" / "unshutter" / "video" / "calibrate" / "lenses.csv"
 K = ["k1", "k2", "k3", "k4"]
+COLUMNS = f"brand model lens width height focal axis_x axis_y {' '.join(K)} profiles"
 ALIKE, MOST_RMS = 0.03, 3.0  # share of the corner's angle; px
 HEAD = """\
 # Lenses of cameras, by frame size.
@@ -68,23 +69,7 @@ def main() -> None:
     with TARGET.open("w", encoding="utf-8", newline="") as out:
         out.write(HEAD.format(count=used))
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(
-            [
-                "brand",
-                "model",
-                "lens",
-                "width",
-                "height",
-                "focal",
-                "axis_x",
-                "axis_y",
-                "k1",
-                "k2",
-                "k3",
-                "k4",
-                "profiles",
-            ]
-        )
+        writer.writerow(COLUMNS.split())
         writer.writerows(lines)
     print(len(lines), "lines,", TARGET.stat().st_size, "bytes")
 

@@ -18,7 +18,7 @@ from support.line_scenes import (
 from unshutter.motion import RotationMotion
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.methods.curves import forward_differences
-from unshutter_lab.methods.rengarajan2016 import DEGREE, _Costs, fit_rotations, polynomial_rotations
+from unshutter_lab.methods.rengarajan2016 import DEGREE, Costs, fit_rotations, polynomial_rotations
 
 
 def bow_motion(curves: np.ndarray) -> RotationMotion:
@@ -51,7 +51,7 @@ def test_bows_leave_still_scenes_still() -> None:
 
 def test_the_gradient_of_the_cost() -> None:
     """Of the residuals' Jacobian and the loss's weights, as least squares uses them."""
-    costs = _Costs(seen_curves(turning(*QUADRATIC), 0, count=20, noise=0.3), HEIGHT, WIDTH, FOCAL)
+    costs = Costs(seen_curves(turning(*QUADRATIC), 0, count=20, noise=0.3), HEIGHT, WIDTH, FOCAL)
     residuals, loss = costs.residuals, costs.loss
     at = np.random.default_rng(0).normal(0, 0.02, DEGREE * 3)
     r = residuals(at)

@@ -103,15 +103,6 @@ def test_gyro_axes_and_signs(tmp_path):
     assert crop.rz_rad == pytest.approx(-0.3 * turned, abs=1e-8)
 
 
-def test_axes_can_be_chosen(tmp_path):
-    path = gyro_log(tmp_path / "log.npz", rate=(0.1, 0.2, 0.4))
-    log = RotationLog.load(path, up="-y", back="-z")
-    assert (log.yaw_rad_s[0], log.roll_rad_s[0]) == pytest.approx((-0.2, -0.4))
-    for up, back in (("w", "z"), ("x", "-x")):
-        with pytest.raises(UsageError):
-            RotationLog.load(path, up=up, back=back)
-
-
 def test_poses_of_a_pan_equal_the_gyro_of_the_same_pan(tmp_path):
     """Turning about z at a rate that grows; the sign of a quaternion means nothing."""
     t = np.arange(600) / 120

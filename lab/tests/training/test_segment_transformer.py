@@ -14,7 +14,7 @@ from unshutter_lab.training.segment_transformer import (
     SegmentRecipe,
     SegmentTransformer,
     SegmentTransformerConfig,
-    _legendre_to_powers,
+    legendre_to_powers,
     motion_epe,
     network_of,
 )
@@ -101,7 +101,7 @@ def test_the_shipped_network_gives_the_same_in_numpy_and_torch(tmp_path: Path) -
 
 def test_legendre_rows_are_the_polynomials_less_their_start() -> None:
     u = np.linspace(0, 1, 7)
-    for degree, row in enumerate(_legendre_to_powers().numpy(), start=1):
+    for degree, row in enumerate(legendre_to_powers().numpy(), start=1):
         expected = np.polynomial.legendre.Legendre.basis(degree)(2 * u - 1)
         np.testing.assert_allclose(np.polyval([*row[::-1], 0], u), expected - expected[0], atol=1e-6)
 

@@ -69,7 +69,7 @@ def fit_rotations(curves: np.ndarray, height: int, width: int, focal_px: float) 
     The costs are minimised in stages: the angles' scale shrinks, so that curves that are near-vertical or
     near-horizontal only by chance lose their influence. Curves are [C, K, 2] points (col, row) [px].
     """
-    costs = _Costs(curves, height, width, focal_px)
+    costs = Costs(curves, height, width, focal_px)
     if not (costs.vertical.any() or costs.horizontal.any()):
         return None
     coefficients = np.zeros(DEGREE * 3)
@@ -80,7 +80,7 @@ def fit_rotations(curves: np.ndarray, height: int, width: int, focal_px: float) 
     return coefficients.reshape(DEGREE, 3)
 
 
-class _Costs:
+class Costs:
     """The costs of rotation coefficients [DEGREE * 3], as residuals and their loss for :func:`minimise`."""
 
     def __init__(self, curves: np.ndarray, height: int, width: int, focal_px: float):

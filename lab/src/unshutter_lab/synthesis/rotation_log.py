@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.motion.rotations import rotation_matrix
 from unshutter.motion.shapes import Float64
 from unshutter.storage.files import check_plain
@@ -23,9 +23,10 @@ _GAP = 3.0  # times the usual interval: in longer ones samples are missing
 _MOST_DISORDER = 0.01  # tolerated share of late samples
 _JITTER_S = 0.03  # smoothing of logs of motion capture
 
+_X, _Y, _Z = np.eye(3)
 # (axis that points up in the picture, axis that points from the scene to the camera)
-_GYRO_AXES = ("x", "z")
-_POSE_AXES = ("z", "y")
+_GYRO_AXES = (_X, _Z)
+_POSE_AXES = (_Z, _Y)
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,9 @@ class RotationLog:
     camera up, so the scene moves down.
 
     * Gyro logs are assumed to be a phone's: x to the right edge, y to the top edge, z out of the screen, the sensor's
-      lines along the long side (so up is x or -x, back is z). The sensor turns with the phone, so this holds for
+      lines along the long side (so up is x, back is z). The sensor turns with the phone, so this holds for
       landscape and portrait alike.
     * Pose logs are assumed to have z up and to look along -y (so up is z, back is y), as in TUM-VI.
-    * A camera's own axes (x right, y down, z forward) are up="-y", back="-z".
     """
 
     t_s: np.ndarray  # [N] times [s], increasing
@@ -52,11 +52,10 @@ class RotationLog:
     from_poses: bool = False  # whether rates are derived from orientations (motion capture) rather than a gyro
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], up: str | None = None, back: str | None = None) -> RotationLog:
+    def load(cls, path: str | os.PathLike[str]) -> RotationLog:
         """Reads an NPZ file with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3] or ``quaternion_wxyz`` [N, 4].
 
-        Rates are about the device's axes, orientations from device to world (``position_m`` is not used). The axes that
-        point up and back (``x``, ``-x``, ``y`` ...) are by default those of the kind of log.
+        Rates are about the device's axes, orientations from device to world (``position_m`` is not used).
         """
         check_plain(Path(path))
         try:
@@ -68,7 +67,7 @@ class RotationLog:
         except (ValueError, AttributeError, EOFError, zipfile.BadZipFile):
             raise UnshutterError(f"cannot read trajectory {path}: not an NPZ file of numbers") from None
         try:
-            return cls._from_samples(data, up, back)
+            return cls._from_samples(data)
         except UnshutterError as error:
             raise type(error)(f"trajectory {path}: {error}") from None
 
@@ -79,7 +78,7 @@ class RotationLog:
         return log.smoothed(_JITTER_S) if log.from_poses else log
 
     @classmethod
-    def _from_samples(cls, data: dict[str, np.ndarray], up: str | None, back: str | None) -> RotationLog:
+    def _from_samples(cls, data: dict[str, np.ndarray]) -> RotationLog:
         kind = next((key for key in ("gyro_rad_s", "quaternion_wxyz") if key in data), None)
         if "t_s" not in data or kind is None:
             raise UnshutterError("needs t_s and gyro_rad_s, or t_s and quaternion_wxyz")
@@ -89,16 +88,11 @@ class RotationLog:
         if not (np.isfinite(times).all() and np.isfinite(samples).all()):
             raise UnshutterError("contains values that are not finite numbers")
         times, samples = _in_order(times, samples)
-        default = _GYRO_AXES
+        up, back = _GYRO_AXES
         if kind == "quaternion_wxyz":
             times, samples = _rates(times, samples)
-            default = _POSE_AXES
-        (up_axis, up_sign), (back_axis, back_sign) = (_axis(a) for a in (up or default[0], back or default[1]))
-        if up_axis == back_axis:
-            raise UsageError("the axes that point up and back must differ")
-        up_vector, back_vector = up_sign * np.eye(3)[up_axis], back_sign * np.eye(3)[back_axis]
-        right_vector = np.cross(up_vector, back_vector)
-        rates = (samples @ axis for axis in (up_vector, back_vector, right_vector))
+            up, back = _POSE_AXES
+        rates = (samples @ axis for axis in (up, back, np.cross(up, back)))
         return cls(times, *rates, from_poses=kind == "quaternion_wxyz")
 
     def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
@@ -174,10 +168,3 @@ def _rates(times: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.n
     poses = Rotation.from_quat(quaternions, scalar_first=True)
     rotations = (poses[:-1].inv() * poses[1:]).as_rotvec()  # from one sample to the next, in the device's axes
     return (times[:-1] + times[1:]) / 2, rotations / np.diff(times)[:, None]
-
-
-def _axis(word: str) -> tuple[int, int]:
-    name = word.removeprefix("-")
-    if name not in ("x", "y", "z"):
-        raise UsageError(f"unknown axis '{word}': choose x, y or z, or -x, -y or -z")
-    return "xyz".index(name), -1 if word.startswith("-") else 1

@@ -61,7 +61,7 @@ class SegmentTransformer(nn.Module):
         )
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
-        self.register_buffer("basis", _legendre_to_powers(), persistent=False)
+        self.register_buffer("basis", legendre_to_powers(), persistent=False)
 
     def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         """See :class:`SegmentTransformer`."""
@@ -115,7 +115,7 @@ class _Block(nn.Module):
         return x + self.mlp(self.norm2(x))
 
 
-def _legendre_to_powers() -> Tensor:
+def legendre_to_powers() -> Tensor:
     """[3, 3]: shifted Legendre polynomials of degree 1 to 3, minus their value at u = 0, in powers of u."""
     return torch.tensor([[2.0, 0.0, 0.0], [-6.0, 6.0, 0.0], [12.0, -30.0, 20.0]])
 
