@@ -33,7 +33,7 @@ def test_a_camera_is_the_same_for_every_size() -> None:
 def test_the_acceleration_of_hands_is_white_between_their_frequencies() -> None:
     rng = np.random.default_rng(1)
     densities = []
-    for _ in range(120):
+    for _ in range(60):
         log = draw_hand(rng, 20.0)
         rates = np.stack([log.yaw_rad_s, log.roll_rad_s, log.pitch_rad_s])
         frequency, power = welch(rates, fs=200, nperseg=1000)

