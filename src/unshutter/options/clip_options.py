@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from unshutter.errors import UsageError
@@ -271,6 +271,15 @@ class RectifyClip:
         whole = self.start is None and self.end is None and self.encode == Encode()
         return whole and not self.straight_lines
 
-    def span(self, duration_s: float) -> tuple[float, float]:
-        """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute."""
-        return self.start or 0.0, self.end or duration_s or 60.0
+    def on_clock(self, begin_s: float) -> RectifyClip:
+        """Returns these options with start and end on a clock that shows this time as the clip begins [s]."""
+        start, end = (None if each is None else each + begin_s for each in (self.start, self.end))
+        return replace(self, start=start, end=end) if begin_s else self
+
+    def span(self, begin_s: float, duration_s: float) -> tuple[float, float]:
+        """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute.
+
+        Args:
+            begin_s: time at which the clip begins, on the clock of start and end.
+        """
+        return self.start or begin_s, self.end or begin_s + (duration_s or 60.0)

@@ -75,7 +75,8 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
         stored = frame.height, frame.width
         height, width = stored[::-1] if round(frame.rotation / 90) % 2 else stored
         facts = {"height": height, "width": width, "duration_s": clip.duration_s, "fps": 1 / clip.interval_s}
-        return as_jpeg(_small(frame, longest, frame)), facts | {"moments_s": moments_s, "encoders": writable(clip)}
+        of_clip_s = [time_s - clip.begin_s for time_s in moments_s]
+        return as_jpeg(_small(frame, longest, frame)), facts | {"moments_s": of_clip_s, "encoders": writable(clip)}
 
 
 def after(
@@ -211,10 +212,10 @@ def _shown_undo(options: RectifyClip) -> ClipUndo:
 
 
 def _moment_time(clip: ClipFacts, options: RectifyClip, moment: int) -> float:
-    """Returns the time of a moment [s]: the middle of one of MOMENTS equal parts."""
+    """Returns the time of a moment [s], on the clock of the frames: the middle of one of MOMENTS equal parts."""
     start = options.start or 0.0
     end = min(options.end or clip.duration_s, clip.duration_s)
-    return start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
+    return clip.begin_s + start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
 
 
 def _frame_at(clip: ClipFacts, time_s: float) -> VideoFrame:
@@ -259,11 +260,11 @@ def _pairs(
     open_file: OpenFile, clip: ClipFacts, options: RectifyClip, moment: int
 ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
     """Yields small frames around a moment, before and after side by side."""
-    progress, (start_s, end_s) = progress_of(open_file), options.span(clip.duration_s)
+    request = ClipRequest.of(clip, options, progress_of(open_file))
+    start_s, end_s = request.span
     first = max(_moment_time(clip, options, moment) - _EXCERPT_S / 2, start_s)
     last = min(first + min(_EXCERPT_S, _EXCERPT_FRAMES * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
-    request = ClipRequest.of(clip, options, progress)
     request.work.expect(expected(replace(request, options=part), RectifyFrames()) | {Stage.ENCODE: 0})
     camera, decision = _shown_decision(open_file, request)
     request = camera.complete(replace(request, options=part))

@@ -111,7 +111,9 @@ def rectify_clip_file(
         unfit=why_unfit(camera),
     )
     if options.preview is not None and outcome.written:
-        video_writer.write_preview(options.preview, clip, str(target), options.start, outcome.frames, options.overwrite)
+        video_writer.write_preview(
+            options.preview, clip, str(target), request.options.start, outcome.frames, options.overwrite
+        )
     if options.plot is not None:
         outcome.plot(options.plot, options.overwrite)
     request.work.finish()
@@ -150,8 +152,10 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
 def _check_clip(clip: ClipFacts, options: RectifyClip) -> None:
     """Checks that a clip is whole, and that it and the table of cameras have what the options need."""
     end_s = clip.expected.end_s
-    if options.start is not None and end_s is not None and options.start >= end_s:
-        raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: {{--start}} must come before that", clip=clip.path)
+    if options.start is not None and end_s is not None and options.start >= end_s - clip.begin_s:
+        raise UnshutterError(
+            f"{{clip}} ends at {end_s - clip.begin_s:.1f} s: {{--start}} must come before that", clip=clip.path
+        )
     if options.shutter.camera is not None:
         cameras.listed(options.shutter.camera)  # even if the clip has a readout time of its own
     clip.check_whole()

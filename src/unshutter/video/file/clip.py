@@ -38,6 +38,7 @@ class Clip(ABC):
     interval_s: float  # the usual time from one frame to the next [s]
     frames: int  # number of frames, or of those that can be examined; 0 if unknown
     duration_s: float  # duration [s]; 0 if unknown
+    begin_s: float = 0.0  # time of the frames' clock at which the clip begins [s]
     # tags of the container and of the video stream; the latter take precedence
     tags: dict[str, str] = field(default_factory=dict)
     camera: CameraTags = field(default_factory=CameraTags)  # what the camera states in its own way
@@ -88,7 +89,11 @@ class ClipRequest:
 
     @classmethod
     def of(cls, clip: Clip, options: RectifyClip, observer: ClipObserver = SILENT) -> ClipRequest:
-        """Returns the request of a clip whose readout direction is that of the options."""
+        """Returns the request of a clip whose readout direction is that of the options.
+
+        These say start and end in seconds of the clip; the request has them on the clock of the frames.
+        """
+        options = options.on_clock(clip.begin_s)
         return cls(
             clip, options, ScanDirection.parse(options.shutter.readout), Work(observer, clip.height * clip.width / 1e6)
         )
@@ -106,8 +111,8 @@ class ClipRequest:
 
     @property
     def span(self) -> tuple[float, float]:
-        """Begin and end of the selected part [s]."""
-        return self.options.span(self.clip.duration_s)
+        """Begin and end of the selected part [s], on the clock of the frames."""
+        return self.options.span(self.clip.begin_s, self.clip.duration_s)
 
     def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
         """Returns a small grey copy of a frame, as it was read out, with a short side of about ``side`` px."""
@@ -120,7 +125,8 @@ class ClipRequest:
         selected = self.options.start is not None or self.options.end is not None
         if self.clip.frames and not selected:
             return max(self.clip.frames, 2)
-        return max(round((min(end, self.clip.duration_s or end) - begin) / self.clip.interval_s), 2)
+        last = self.clip.begin_s + self.clip.duration_s if self.clip.duration_s else end
+        return max(round((min(end, last) - begin) / self.clip.interval_s), 2)
 
     def steps(self, what: str, stage: Stage | None = None) -> Steps:
         """Returns a counter for the frames of the selected part, and for as many items of a stage."""

@@ -80,7 +80,7 @@ class ClipFacts(Clip):
 
     coding: Coding
     kind: str  # FFmpeg's name of the file's format
-    start_s: float  # time at which the file begins [s]
+    start_s: float  # time at which the file begins, as FFmpeg states it [s]
     others: Others = field(repr=False)  # its other streams
     can_take_video: bool = field(repr=False)  # whether another video can be put into a copy of the file
     lead_s: float = field(repr=False)  # how much earlier reading must begin so that a key frame comes first [s]
@@ -155,7 +155,7 @@ def read_clip_facts(
 
     Args:
         max_pixels: clips with larger frames are rejected.
-        until_s: the file is read up to this time of the video [s], to see how much there is; None: to its end.
+        until_s: the file is read up to this time of the clip [s], to see how much there is; None: to its end.
     """
     place = os.fspath(path)
     with containers.opened_bytes(place) as stream:
@@ -173,8 +173,10 @@ def read_clip_facts(
                 raise containers.interlaced(place)
             pixels = PixelFormat.of(context.format)
             kind = container.format.name
+            start_s = (container.start_time or 0) / 1e6
+            begin_s = 0.0 if movie is not None else max(start_s, 0.0)  # editors of MP4 files let clips begin at 0
             length = video.duration * video.time_base if video.duration else (container.duration or 0) / 1_000_000
-            begun = _Beginning.read(file, until_s)
+            begun = _Beginning.read(file, None if until_s is None else begin_s + until_s)
             interval_s = begun.times.interval_s(video)
             times = begun.times
             if video.frames > 1 and 0 < length < interval_s:
@@ -197,7 +199,8 @@ def read_clip_facts(
                 camera=camera,
                 side_data=begun.side_data,
                 kind=kind,
-                start_s=(container.start_time or 0) / 1e6,
+                start_s=start_s,
+                begin_s=begin_s,
                 others=Others(
                     has_covers=any(each.disposition & COVER for each in container.streams.video),
                     first=begun.first,
