@@ -175,7 +175,7 @@ def read_clip_facts(
             kind = container.format.name
             start_s = (container.start_time or 0) / 1e6
             begin_s = 0.0 if movie is not None else max(start_s, 0.0)  # editors of MP4 files let clips begin at 0
-            length = video.duration * video.time_base if video.duration else (container.duration or 0) / 1_000_000
+            length = video.duration * video.time_base if video.duration else containers.length_of(container)
             begun = _Beginning.read(file, None if until_s is None else begin_s + until_s)
             interval_s = begun.times.interval_s(video)
             times = begun.times

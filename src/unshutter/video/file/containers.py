@@ -178,9 +178,17 @@ def bits_per_s(container: Any, stream: Any) -> float:
         return float(stated)
     sound = sum(each.codec_context.bit_rate or 0 for each in container.streams.audio if each.codec_context)
     attached = 8 * sum(len(each.data or b"") for each in container.streams if each.type == "attachment")
-    length_s = (container.duration or 0) / 1_000_000
+    stated_s, length_s = (container.duration or 0) / 1_000_000, length_of(container)
     others = sound + (attached / length_s if length_s > 0 else 0)
-    return float(max((container.bit_rate or 0) - others, 0))
+    bits = (container.bit_rate or 0) * (stated_s / length_s if length_s > 0 else 1)
+    return float(max(bits - others, 0))
+
+
+def length_of(container: Any) -> float:
+    """Returns how long a file is [s], 0 if unknown; Matroska files state the time at which they end."""
+    length_s = (container.duration or 0) / 1_000_000
+    begin_s = (container.start_time or 0) / 1_000_000
+    return length_s - begin_s if "matroska" in container.format.name and 0 < begin_s < length_s else length_s
 
 
 # ---- presentation times ----------------------------------------------------------------------------------
