@@ -51,6 +51,13 @@ def test_avi(tmp_path, capsys, codec, format_, sound, ending):
     assert [kind for kind, _ in streams(tmp_path / f"out{ending}")] == ["audio"]
 
 
+def test_sound_that_a_container_takes_only_next_to_frames(tmp_path, capsys):
+    source = clips.write(tmp_path / "in.mxf", clips.moving(16)[1], "mpeg2video", "yuv422p", sound="pcm_s16le")
+    assert not written(capsys, source, tmp_path / "out.mxf")
+    assert source.read_bytes() != (tmp_path / "out.mxf").read_bytes()  # it was straightened
+    assert streams(tmp_path / "out.mxf") == [("audio", "pcm_s16le")]
+
+
 @pytest.mark.parametrize("ending", [".mp4", ".mov", ".mkv"])
 def test_cover_picture_and_attachment(tmp_path, capsys, ending):
     made = clips.write(tmp_path / "made.mkv", GREYS, sound=True, tags={"title": "Walk", "OWN_TAG": "of its owner"})

@@ -88,7 +88,7 @@ class VideoWriter:
             self._stream.disposition = like.disposition
         if ending is not None:
             container.metadata.update(_portable_tags(source.container.metadata))
-            self._add_others(source, clip.others.first, ending)
+            self._add_others(source, clip, encoder, ending)
             if source.container.chapters():
                 container.set_chapters(source.container.chapters())
         self._shift = start_s
@@ -105,11 +105,17 @@ class VideoWriter:
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
-    def _add_others(self, source: VideoFile, first: dict[int, bytes], ending: str) -> None:
+    def _add_others(self, source: VideoFile, clip: ClipFacts, encoder: Encoder, ending: str) -> None:
+        def trials(stream: Any, packet: bytes | None) -> Iterator[tuple[Callable[[Any], Callable[[], None]], ...]]:
+            copy = partial(_first_packet, path=source.path, stream=stream, data=packet)
+            yield (copy,)
+            if stream.type != "video":  # MXF takes others only next to frames
+                yield partial(_frame, clip=clip, encoder=encoder), copy
+
         for stream in source.container.streams:
             if stream.index == source.video.index:
                 continue
-            packet = first.get(stream.index)
+            packet = clip.others.first.get(stream.index)
             tags = stream.metadata
             if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
                 continue  # the titles of the chapters, which the container writes again
@@ -123,7 +129,7 @@ class VideoWriter:
                 name = tags.get("filename") or f"cover.{kind[-3:]}"
                 kind = tags.get("mimetype") or kind
                 self._container.add_attachment(name, kind, stream.data if cover is None else cover)
-            elif _takes(ending, stream.type, partial(_begin_copy, path=source.path, stream=stream, data=packet)):
+            elif any(_takes(ending, stream.type, *each) for each in trials(stream, packet)):
                 self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
                 copy.metadata.update(_portable_tags(tags))
             else:
@@ -252,17 +258,8 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     The error names endings and encoders that were tried and work.
     """
 
-    def add_frame(container: Any, encoder: Encoder) -> None:
-        stream = encoder.add_to(container, clip, (clip.height, clip.width))
-        frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
-        frame.pts = 0
-        frame.time_base = stream.codec_context.time_base
-        for packet in [*stream.encode(frame), *stream.encode(None)]:
-            packet.dts = packet.pts  # which libx265 gets wrong for a single frame
-            container.mux(packet)
-
     def fits(ending: str, encoder: Encoder) -> bool:
-        return _takes(ending, "video", partial(add_frame, encoder=encoder))
+        return _takes(ending, "video", partial(_frame, clip=clip, encoder=encoder))
 
     untagged = replace(encoder, tagged=False)
     for trial in (encoder, untagged):
@@ -279,12 +276,17 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     )
 
 
-def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
-    """Whether a video can hold a stream; many formats report late or never what they leave out."""
+def _takes(ending: str, kind: str, *adding: Callable[[Any], Callable[[], None]]) -> bool:
+    """Whether a video can hold streams, one of them of a kind; many formats report late or never what they leave out.
+
+    Args:
+        adding: each adds a stream to a container, and returns what writes into it once all are there.
+    """
     file = io.BytesIO()
     try:
         with writing(file, ending) as container:
-            fill(container)
+            for write in [add(container) for add in adding]:
+                write()
             container.close()
         file.seek(0)
         with av().open(file) as back:
@@ -294,13 +296,28 @@ def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
         return False
 
 
-def _begin_copy(container: Any, path: str, stream: Any, data: bytes | None) -> None:
-    """Adds a stream like another to a container, with a first packet of these data."""
+def _frame(container: Any, clip: ClipFacts, encoder: Encoder) -> Callable[[], None]:
+    """Adds the encoder's stream to a container; returns what writes a black frame."""
+    stream = encoder.add_to(container, clip, (clip.height, clip.width))
+
+    def write() -> None:
+        frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
+        frame.pts = 0
+        frame.time_base = stream.codec_context.time_base
+        for packet in [*stream.encode(frame), *stream.encode(None)]:
+            packet.dts = packet.pts  # which libx265 gets wrong for a single frame
+            container.mux(packet)
+
+    return write
+
+
+def _first_packet(container: Any, path: str, stream: Any, data: bytes | None) -> Callable[[], None]:
+    """Adds a stream like another to a container; returns what writes a first packet of these data."""
     packet = av().Packet(bytes(4) if data is None else data)
     packet.stream = _add_copy(container, path, stream)
     packet.pts = 0
     packet.dts = 0
-    container.mux(packet)
+    return partial(container.mux, packet)
 
 
 def _add_copy(container: Any, path: str, stream: Any) -> Any:
