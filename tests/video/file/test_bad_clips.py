@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import tracemalloc
+from itertools import pairwise
 
 import av
 import numpy as np
@@ -143,10 +144,16 @@ def test_names_do_not_reach_the_terminal_as_they_are(tmp_path, capsys):
     assert r"in\x1b[31m\nb.mkv" in shown
 
 
-def test_interlaced(tmp_path, capsys):
-    flags = {"options": {"flags": "+ildct+ilme", "x264-params": "tff=1"}}
-    path = clips.write(tmp_path / "in.mp4", GREYS, **flags)
-    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "interlaced")
+def test_interlaced_by_its_rows_not_by_its_flags(tmp_path, capsys):
+    flags = {"flags": "+ildct+ilme", "x264-params": "tff=1", "crf": "12"}
+    woven = [np.where(np.arange(len(one))[:, None] % 2, one, other) for one, other in pairwise(GREYS)]
+    path = clips.write(tmp_path / "woven.mp4", woven, options=flags)
+    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "interlaced (its rows show two moments)")
+    whole = clips.write(tmp_path / "whole.mp4", GREYS, options=flags)
+    with av.open(str(whole)) as video:
+        assert next(video.decode(video=0)).interlaced_frame
+    assert main(["video", str(whole), "-o", str(tmp_path / "out.mp4"), *clips.KNOWN]) == 0
+    assert f"{len(GREYS)} of {len(GREYS)} frames straightened" in capsys.readouterr().err
 
 
 def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_path, capsys):

@@ -87,6 +87,7 @@ class ClipFacts(Clip):
     expected: ExpectedLength = field(repr=False)  # how much of the clip there should be
     extent: Extent | None = field(repr=False)  # how much there is; None if that is as much as was to be read
     timing: FrameTiming = field(repr=False)  # how its frames get their times
+    says_interlaced: bool = False  # whether its headers say that rows show two moments, which may not be so
 
     def opened(self) -> AbstractContextManager[VideoFile]:
         """Opens the file with PyAV; raises UnshutterError if it can no longer be read."""
@@ -131,7 +132,7 @@ class ClipFacts(Clip):
     def _check_frame(self, frame: VideoFrame) -> None:
         if frame.is_corrupt:
             raise containers.damaged(self.path, frame.time)
-        if frame.interlaced_frame:
+        if (self.says_interlaced or frame.interlaced_frame) and self.pixels.is_combed(frame):
             raise containers.interlaced(self.path)
         if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
             raise UnshutterError(
@@ -169,8 +170,6 @@ def read_clip_facts(
             container = file.container
             context = file.video.codec_context
             _check_size(place, video.width, video.height, max_pixels)
-            if context.field_order not in _PROGRESSIVE:
-                raise containers.interlaced(place)
             pixels = PixelFormat.of(context.format)
             kind = container.format.name
             start_s = (container.start_time or 0) / 1e6
@@ -212,6 +211,7 @@ def read_clip_facts(
                 expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),
                 extent=None if begun.reaches_end else begun.extent,
                 timing=FrameTiming(begin, step, begun.delay if kind == "avi" else None),
+                says_interlaced=context.field_order not in _PROGRESSIVE,
             )
 
 
@@ -245,8 +245,6 @@ class _Beginning:
                 for frame in containers.decode_packet(packet, file.path)[:1]:
                     has_frame, begun.side_data = True, pyav.side_data(frame)
                     begun.delay = 0 if frame.dts is None or first_dts is None else frame.dts - first_dts
-                    if frame.interlaced_frame:
-                        raise containers.interlaced(file.path)
             if has_frame and begun.times.are_enough and begun._reaches(file, until_s):
                 break
         if not has_frame:

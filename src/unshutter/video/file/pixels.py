@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # FFmpeg's code
+# Combing is looked for in blocks [rows, columns], of every third column, that differ from rows next to them by so much
+# [8-bit steps]; frames have it if so large a share of these differ more from rows of the other field than of their own
+_BLOCK, _SEEN, _OTHER_FIELD, _COMBED = (8, 11), 4.0, 1.3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +131,26 @@ class PixelFormat:
     def is_full_range(self, frame: Frame) -> bool:
         """Whether 0 is black in a frame."""
         return isinstance(frame, ArrayFrame) or frame.color_range == _FULL_RANGE or self.name.startswith("yuvj")
+
+    def is_combed(self, frame: Frame) -> bool:
+        """Whether rows of a frame show two moments: where the picture moves, every other row lies apart.
+
+        Of twelve real clips, up to 0.2 % of the blocks of a frame look so; with rows of two frames, usually 5 to 90 %.
+        """
+        luma = self.arrays(frame)[0][:, ::3]
+        luma = (luma if luma.ndim == 2 else luma[..., 0]).astype(np.float32) / (1 << self.depth - 8)
+        middle = luma[2:-2]
+        unlike = []
+        for far in (1, 2):
+            around = (luma[2 - far : -2 - far] + luma[2 + far : len(luma) - 2 + far]) / 2
+            rows, columns = (size // by for size, by in zip(middle.shape, _BLOCK, strict=True))
+            if not rows or not columns:
+                return False
+            apart = np.abs(middle - around)[: rows * _BLOCK[0], : columns * _BLOCK[1]]
+            unlike.append(apart.reshape(rows, _BLOCK[0], columns, _BLOCK[1]).mean(axis=(1, 3)))
+        other, own = unlike
+        seen = np.maximum(other, own) > _SEEN
+        return bool(np.sum(seen & (other > _OTHER_FIELD * own)) > _COMBED * max(np.sum(seen), 1))
 
     def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
         """Returns a small grey copy of a frame, with a short side of about ``side`` px; never larger than the frame."""
