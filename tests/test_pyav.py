@@ -6,11 +6,15 @@ import signal
 import time
 from types import SimpleNamespace
 
+import av
+import numpy as np
 import pytest
+from PIL import Image
 
 from support import clips
 from unshutter import cli
 from unshutter.frames import pyav
+from unshutter.video.file.pixels import upright
 
 
 @pytest.fixture
@@ -33,6 +37,57 @@ def test_side_data_has_ffmpegs_names(video):
     found = pyav.side_data(frame)
     assert len(found["DISPLAYMATRIX"]) == 36
     assert all(isinstance(data, bytes) for data in found.values())
+
+
+@pytest.mark.parametrize("turn", [0, 90, 180, 270])
+def test_frames_with_exif_have_their_rotation(tmp_path, turn):
+    """PyAV 18.1 has no name for Exif, which FFmpeg 8 finds in the frames of MJPEG videos, and then tells nothing."""
+    exif = Image.Exif()
+    exif[0x010F] = "Maker"
+    picture = io.BytesIO()
+    Image.new("RGB", (64, 48)).save(picture, "JPEG", exif=exif)
+    path = tmp_path / "in.mov"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("mjpeg", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+        stream.set_display_rotation(turn)
+        out.start_encoding()
+        packet = av.Packet(picture.getvalue())
+        packet.stream, packet.pts, packet.dts, packet.time_base = stream, 0, 0, stream.time_base
+        out.mux(packet)
+    with pyav.open_to_read(str(path)) as container:
+        frame = next(container.decode(video=0))
+    pixels = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
+    assert np.array_equal(upright(pixels, frame), np.rot90(pixels, round(frame.rotation / 90)))
+    assert round(frame.rotation) % 360 in (turn, (360 - turn) % 360)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "shown"),
+    [
+        ((1, 0, 0, 1), lambda pixels: pixels),
+        ((-1, 0, 0, 1), np.fliplr),
+        ((1, 0, 0, -1), np.flipud),
+        ((-1, 0, 0, -1), lambda pixels: np.rot90(pixels, 2)),
+        ((0, 1, 1, 0), lambda pixels: np.swapaxes(pixels, 0, 1)),
+        ((0, 1, -1, 0), lambda pixels: np.rot90(pixels, -1)),
+        ((0, -1, 1, 0), np.rot90),
+        ((0, -1, -1, 0), lambda pixels: np.rot90(np.swapaxes(pixels, 0, 1), 2)),
+    ],
+)
+def test_frames_are_shown_rotated_and_mirrored_as_their_file_says(tmp_path, matrix, shown):
+    a, b, c, d = (number << 16 for number in matrix)
+    path = tmp_path / "in.mp4"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_matrix([a, b, 0, c, d, 0, 0, 0, 1 << 30])
+        for packet in [*stream.encode(av.VideoFrame(64, 48, "yuv420p")), *stream.encode(None)]:
+            out.mux(packet)
+    with pyav.open_to_read(str(path)) as container:
+        frame = next(container.decode(video=0))
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    assert np.array_equal(upright(pixels, frame), shown(pixels))
 
 
 @pytest.mark.parametrize(

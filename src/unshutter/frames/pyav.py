@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from functools import cache
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, BinaryIO, cast
@@ -111,7 +112,15 @@ def tags(source: InputContainer | Stream) -> dict[str, str]:
 
 
 def side_data(frame: VideoFrame) -> dict[str, bytes]:
-    """Returns a frame's side data by FFmpeg's names: iteration gives the data in PyAV 18, their types in PyAV 19."""
-    stored = cast("Sequence[SideData]", frame.side_data)
+    """Returns a frame's side data by FFmpeg's names: iteration gives the data in PyAV 18, their types in PyAV 19.
+
+    PyAV 18.1 gives none if it does not know one of the kinds (Exif, in MJPEG): then only the rotation is known.
+    """
+    try:
+        stored = cast("Sequence[SideData]", frame.side_data)
+    except ValueError:
+        along, across = {0: (1, 0), 1: (0, 1), 2: (-1, 0), 3: (0, -1)}[round(frame.rotation / 90) % 4]
+        matrix = (along << 16, -across << 16, 0, across << 16, along << 16, 0, 0, 0, 1 << 30)
+        return {"DISPLAYMATRIX": struct.pack("=9i", *matrix)} if along != 1 else {}
     found = [stored[k] for k in range(len(stored))]
     return {data.type.name: bytes(data) for data in found}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.pyav import av
+from unshutter.frames.pyav import av, side_data
 
 if TYPE_CHECKING:
     from av import VideoFormat, VideoFrame
@@ -172,5 +173,14 @@ def small_grey(
 
 
 def upright(pixels: UInt8[np.ndarray, "rows columns 3"], turned_as: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
-    """Returns pixels turned as the frame is to be shown: its file states an angle, anticlockwise."""
-    return np.ascontiguousarray(np.rot90(pixels, round(turned_as.rotation / 90)))
+    """Returns pixels rotated, and mirrored, as a frame is to be shown by the display matrix that its file states.
+
+    A pixel at (column, row) is shown at (a column + c row, b column + d row).
+    """
+    matrix = side_data(turned_as).get("DISPLAYMATRIX", b"")
+    if len(matrix) < 36:
+        return pixels
+    a, b, _, c, d, *_ = struct.unpack("=9i", matrix[:36])
+    across, down = (a, d) if abs(a) + abs(d) >= abs(b) + abs(c) else (c, b)
+    shown = pixels if (across, down) == (a, d) else np.swapaxes(pixels, 0, 1)
+    return np.ascontiguousarray(shown[:: -1 if down < 0 else 1, :: -1 if across < 0 else 1])
