@@ -269,7 +269,7 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
             return _Written(tally)
         if output.into_copy and frames_file is not None:
             with part.open("r+b") as out:
-                mp4.write_with_video(source.stream, frames_file, out)
+                mp4.write_with_video(source.stream, source.video.id, frames_file, out)
         elif frames_file is not None:
             with part.open("r+b") as out:
                 mp4.write_with_covers(frames_file, writer.covers, out)

@@ -314,7 +314,7 @@ def test_a_false_count_of_samples_takes_no_memory(tmp_path, clip):
     tracemalloc.start()
     try:
         with path.open("rb") as stream:
-            assert not mp4.can_take(mp4.Movie.read(stream))
+            assert not mp4.can_take(mp4.Movie.read(stream), 1)
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
         tracemalloc.stop()

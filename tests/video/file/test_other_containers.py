@@ -8,6 +8,8 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
+from unshutter.photo.boxes import inside
+from unshutter.video.file import mp4
 from unshutter.video.file.clip_facts import read_clip_facts
 
 GREYS = clips.moving(6)[1]
@@ -56,6 +58,43 @@ def test_sound_that_a_container_takes_only_next_to_frames(tmp_path, capsys):
     assert not written(capsys, source, tmp_path / "out.mxf")
     assert source.read_bytes() != (tmp_path / "out.mxf").read_bytes()  # it was straightened
     assert streams(tmp_path / "out.mxf") == [("audio", "pcm_s16le")]
+
+
+def with_chapter_pictures(path):
+    """A clip whose first track holds pictures of its chapters, to which the film, in the second one, refers."""
+    film = clips.write(path.with_name("film.mov"), clips.moving(16)[1])
+    with av.open(str(film)) as old, av.open(str(path), "w") as new:
+        pictures = new.add_stream("mjpeg", rate=30)
+        pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuvj420p"
+        copy = new.add_stream_from_template(old.streams.video[0], opaque=True)
+        new.start_encoding()
+        picture = av.Packet(COVER)
+        picture.stream, picture.pts, picture.dts, picture.time_base = pictures, 0, 0, pictures.time_base
+        new.mux(picture)
+        for packet in old.demux():
+            if packet.size:
+                packet.stream = copy
+                new.mux(packet)
+    data = path.read_bytes()
+    at = data.rindex(b"moov") - 4  # it stands last
+    moov = b""
+    for name, content in inside(data[at + 8 :]):
+        is_film = name == b"trak" and b"avc1" in content
+        moov += mp4.box(name, content + mp4.box(b"tref", mp4.box(b"chap", b"\0\0\0\1")) if is_film else content)
+    path.write_bytes(data[:at] + mp4.box(b"moov", moov))
+    return path
+
+
+def packets_of(path, number):
+    with av.open(str(path)) as video:
+        return [bytes(packet) for packet in video.demux(video.streams[number]) if packet.size]
+
+
+def test_pictures_of_chapters_that_come_first_are_kept_and_the_film_is_straightened(tmp_path, capsys):
+    source = with_chapter_pictures(tmp_path / "in.mov")
+    assert not written(capsys, source, tmp_path / "out.mov")
+    assert set(packets_of(tmp_path / "out.mov", 0)) == {COVER}  # FFmpeg also gives it as an attached picture
+    assert packets_of(tmp_path / "out.mov", 1) != packets_of(source, 1)
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".mov", ".mkv"])

@@ -164,7 +164,7 @@ def read_clip_facts(
         with suppress(*mp4.DAMAGE):
             movie = mp4.Movie.read(stream)
         ends_with_log = _ends_with_log(stream)
-        camera, can_take_video = (CameraTags(), False) if movie is None else (CameraTags.of(movie), mp4.can_take(movie))
+        camera = CameraTags() if movie is None else CameraTags.of(movie)
         with containers.read_by_ffmpeg(stream, place) as file:
             video = file.video
             container = file.container
@@ -205,7 +205,7 @@ def read_clip_facts(
                     first=begun.first,
                 ),
                 data_tracks=data_tracks,
-                can_take_video=can_take_video,
+                can_take_video=movie is not None and mp4.can_take(movie, video.id),
                 may_have_log=ends_with_log or bool(data_tracks),
                 lead_s=math.inf if times.first is None else _LEAD_S if kind in _NO_TABLES else 0.0,
                 expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),

@@ -306,12 +306,12 @@ class Movie:
         header = dict(self.others)[b"mvhd"]
         return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
 
-    def video(self) -> int:
-        """Returns the index of the first video track."""
+    def place_of(self, number: int) -> int:
+        """Returns the index of the track with an ID; raises NotPlainError if there is none."""
         for k, track in enumerate(self.tracks):
-            if track.handler == b"vide":
+            if track.number == number:
                 return k
-        raise NotPlainError("no video")
+        raise NotPlainError("no such track")
 
 
 def _read(stream: BinaryIO, start: int, end: int) -> bytes:
@@ -328,10 +328,10 @@ def _by_time(tracks: list[list[Chunk]]) -> Iterator[tuple[int, int]]:
 # ---- replacing the video ----------------------------------------------------------------------------------
 
 
-def can_take(movie: Movie) -> bool:
-    """Whether a file can be taken apart and reassembled."""
+def can_take(movie: Movie, number: int) -> bool:
+    """Whether a file can be taken apart and reassembled with other frames in the track with an ID."""
     try:
-        movie.video()
+        movie.place_of(number)
         for track in movie.tracks:
             track.chunks()
     except DAMAGE:
@@ -339,14 +339,14 @@ def can_take(movie: Movie) -> bool:
     return True
 
 
-def write_with_video(original: BinaryIO, video: BinaryIO, out: BinaryIO) -> None:
-    """Writes the original file with the video track of another file."""
+def write_with_video(original: BinaryIO, number: int, video: BinaryIO, out: BinaryIO) -> None:
+    """Writes the original file with the only track of another file in place of its track with an ID."""
     movie = Movie.read(original)
     new = Movie.read(video)
-    place = movie.video()
+    place = movie.place_of(number)
     tracks = list(movie.tracks)
     sources = [original] * len(movie.tracks)
-    own = new.tracks[new.video()]
+    (own,) = new.tracks
     tracks[place], sources[place] = tracks[place].with_video(own, movie.timescale, new.timescale), video
     _write(movie, tracks, sources, out)
 
