@@ -258,7 +258,8 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
         container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
         ending, start_s = (None, 0.0) if output.into_copy else (output.kind, start_of(clip, output.kind))
         start_s = start_s if options.start is None else max(start_s, options.start)
-        writer = VideoWriter(container, source, clip, output.encoder, ending, warper.size, start_s, request.work)
+        part_s, work = (options.start, options.end), request.work
+        writer = VideoWriter(container, source, clip, output.encoder, ending, warper.size, start_s, part_s, work)
         decoded = clip.decode(source, options.start, options.end, None if output.into_copy else writer.waiting)
         frames = stack.enter_context(closing(rendering.rectified(warper, decoded)))
         _write_frames(request, frames, tally, motions, writer)

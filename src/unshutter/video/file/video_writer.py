@@ -28,6 +28,7 @@ from unshutter.storage.files import written_whole
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.containers import COVER, VideoFile, opened, time_of
 from unshutter.video.file.encoders import REDUCED, Encoder, others_for
+from unshutter.video.file.part_times import chapters_of_part, timecode_after
 from unshutter.video.file.pixels import upright
 from unshutter.video.file.stages import Stage, Work
 
@@ -60,6 +61,7 @@ class VideoWriter:
         ending: file ending of the video, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
         start_s: time in the input that becomes 0 in the new video [s].
+        part: when the part of the clip begins and ends that is written, if not with the clip [s].
         work: counts encoded frames; its observer receives the bit rates of the clip and of the new video if they differ
             considerably, once and early.
     """
@@ -73,6 +75,7 @@ class VideoWriter:
         ending: str | None,
         size: tuple[int, int],
         start_s: float,
+        part: tuple[float | None, float | None],
         work: Work,
     ):
         self._container = container
@@ -83,20 +86,21 @@ class VideoWriter:
         self.waiting: deque[Packet] = deque()
         self.left_out: list[str] = []
         self.covers: list[bytes] = []
-        self._stream.metadata.update(_portable_tags(like.metadata))
+        self._clip = clip
+        self._part = part
+        self._stream.metadata.update(self._tags(like.metadata))
         with suppress(ValueError, AttributeError):
             self._stream.disposition = like.disposition
         if ending is not None:
-            container.metadata.update(_portable_tags(source.container.metadata))
+            container.metadata.update(self._tags(source.container.metadata))
             self._add_others(source, clip, encoder, ending)
-            if source.container.chapters():
-                container.set_chapters(source.container.chapters())
+            if chapters := self._chapters(source):
+                container.set_chapters(chapters)
         self._shift = start_s
         self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
             self.left_out.append(f"the last 2 of 12 bits of each colour ({encoder.name} writes 10)")
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
-        self._clip = clip
         self._bytes = 0
         self._packets = 0
         self._work = work
@@ -121,7 +125,9 @@ class VideoWriter:
                 continue  # the titles of the chapters, which the container writes again
             cover = packet if stream.disposition & COVER else None
             if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
-                self._stream.metadata["timecode"] = tags["timecode"]  # the container makes its own track from it
+                self._stream.metadata["timecode"] = self._tags(tags)[
+                    "timecode"
+                ]  # the container makes its own track from it
             elif cover is not None and ending in _MP4:
                 self.covers.append(cover)
             elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
@@ -131,9 +137,25 @@ class VideoWriter:
                 self._container.add_attachment(name, kind, stream.data if cover is None else cover)
             elif any(_takes(ending, stream.type, *each) for each in trials(stream, packet)):
                 self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
-                copy.metadata.update(_portable_tags(tags))
+                copy.metadata.update(self._tags(tags))
             else:
                 self.left_out.append(f"stream {stream.index} ({_name(stream)})")
+
+    def _tags(self, tags: Any) -> dict[str, str]:
+        """Returns tags as a new file has them: with the timecode of the part's first frame."""
+        kept = _portable_tags(tags)
+        start_s, _ = self._part
+        if start_s is not None and "timecode" in kept:
+            first_s = float(self._clip.timing.start * (self._clip.coding.time_base or 0))
+            kept["timecode"] = timecode_after(kept["timecode"], max(start_s - first_s, 0.0), self._clip.coding.rate)
+        return kept
+
+    def _chapters(self, source: VideoFile) -> list[dict[str, Any]]:
+        chapters = source.container.chapters()
+        start_s, end_s = self._part
+        if start_s is None and end_s is None:
+            return chapters
+        return chapters_of_part(chapters, start_s or 0.0, math.inf if end_s is None else end_s)
 
     def add_frame(self, frame: VideoFrame) -> None:
         """Writes the next rectified frame, with the times of the original, after the packets that come before it."""
