@@ -15,7 +15,7 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code
-from unshutter.video.calibrate.clip_gyro import Synchronisation, synchronised
+from unshutter.video.gyro.alignment import Synchronisation, synchronised
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog
 from unshutter.video.gyro.synchronisation import Adjusted, GyroRotations
 
