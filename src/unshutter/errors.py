@@ -95,7 +95,7 @@ class UnshutterError(Exception):
 
     @property
     def pieces(self) -> list[str]:
-        """The line with the names of its files, taken apart: text and names of options in turn."""
+        """The line with the names of its files, split into text and names of options, in turn."""
         pieces = [self._start]
         at = 0
         message = self._template

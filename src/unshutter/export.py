@@ -167,7 +167,7 @@ def _openexr():
 
 
 def write_npz(part: Path, **arrays: np.ndarray) -> None:
-    """Writes what np.savez does; on a full disc, that of NumPy 2.1 leaves an open file, which prints a traceback."""
+    """Writes arrays as np.savez does, but closes the file on a full disc, where NumPy 2.1 prints a traceback later."""
     with ZipFile(part, "w") as packed:
         for name, array in arrays.items():
             with packed.open(f"{name}.npy", "w", force_zip64=True) as file:

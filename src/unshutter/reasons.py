@@ -194,11 +194,11 @@ class Reason:
 
     @property
     def px(self) -> float:
-        """The displacement that it speaks of [px]; 0 if it speaks of none."""
+        """The displacement that it states [px]; 0 if it states none."""
         return float(dict(self.figures).get("px", 0.0))
 
     def as_stated(self, most: float) -> Reason:
-        """Returns the reason with its confidence, if it has one, as :func:`as_stated`."""
+        """Returns the reason with its confidence, if it has one, rounded by :func:`as_stated`."""
         figures = dict(self.figures)
         if "confidence" in figures:
             figures["confidence"] = as_stated(float(figures["confidence"]), most)
@@ -232,7 +232,7 @@ MOST_STATED = 0.97  # of those stated at more, three in five of a hard set were 
 
 
 def as_stated(probability: float, most: float = MOST_STATED) -> float:
-    """Returns a probability as it is stated everywhere: two decimals, rounded down, and not more than was measured."""
+    """Rounds a probability for people: down to two decimals, and to no more than was measured."""
     return min(math.floor(100 * probability + 1e-9) / 100, most)
 
 

@@ -114,7 +114,7 @@ class _Parser(argparse.ArgumentParser):
             self.add_argument(*names, action="store_true", help=f"show {shown}", default=argparse.SUPPRESS)
 
     def check_flags(self, words: Sequence[str], kind: type) -> None:
-        """Checks that a command with these arguments has all flags among the words, and each choice its value."""
+        """Checks that the command knows every flag among the words, and that every choice has one of its values."""
         options = {_flag(each): each for each in options_of(kind) if not _placed(each)}
         known = {*_HELP, *options}
         for word, following in zip(words, [*words[1:], "-"], strict=False):
@@ -179,7 +179,7 @@ def _usage(kind: type) -> str:
 
 
 def as_typed(arguments: Any, **changed: Any) -> list[str]:
-    """Returns words that parse into arguments: what was placed first, then options that are not as by default."""
+    """Returns the words that parse into these arguments: positional ones, then options that differ from defaults."""
     placed: list[str] = []
     flags: list[str] = []
     for each in describe(type(arguments)):

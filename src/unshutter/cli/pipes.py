@@ -61,35 +61,35 @@ class Pipes:
 
     @property
     def results(self) -> Path:
-        """The folder for the file that goes out."""
+        """The folder of the file that is sent to standard output."""
         return self._folder / "out"
 
     def keep_photo(self) -> Path:
-        """Keeps the photo that comes in; returns its file, whose name has the ending of its format."""
+        """Saves the photo from standard input; returns the file, which has the ending of its format."""
         kept = self._keep(is_photo=True)
         return self._rename(kept, recognise(Source.of_file(kept)).row.suffixes[0])
 
     def keep_clip(self, output: str | None) -> Path:
-        """Keeps the clip that comes in; returns its file, which has the ending of the output where both are alike."""
+        """Saves the clip from standard input; returns the file, with the output's ending if containers agree."""
         kept = self._keep()
         if _is_photo(kept):
             raise UsageError(f"standard input is a photo, not a clip: unshutter rectify {PIPE}")
         return self._rename(kept, _ending_of_clip(kept, output or ""))
 
     def name_results(self, source: Path, format: str | None = None, keep: bool = False) -> None:
-        """Makes messages call the results of a photo in :attr:`results`, whatever they are named, standard output."""
+        """Makes messages call a photo's results in :attr:`results` "standard output"."""
         for name in (picture_name(source, format, keep), unchanged_name(source, format, keep)):
             stand_ins[str(self.results / name)] = _OUTPUT
 
     def name_video(self, source: Path) -> Path:
-        """Returns the file for the video that goes out, in a format that can be read from a pipe."""
+        """Returns the file for the video on standard output, in a container that can be read from a pipe."""
         self.results.mkdir()
         video = (self.results / video_name(source)).with_suffix(".mkv")
         stand_ins[str(video)] = _OUTPUT
         return video
 
     def send(self, file: Path | None = None) -> None:
-        """Writes a file to standard output, by default the one that came of a photo, if there is one."""
+        """Writes a file to standard output: by default a photo's result, if there is one."""
         if file is None:
             file = next(self.results.iterdir(), None) if self.results.is_dir() else None
         if file is not None:
@@ -121,7 +121,7 @@ class Pipes:
 
 
 def only(sources: Iterable[str | os.PathLike[str]]) -> str:
-    """Returns the only one of several inputs; empty if there are several, none of which may be standard input."""
+    """Returns the input if it is the only one; empty if there are several, none of which may be standard input."""
     names = [os.fspath(source) for source in sources]
     if len(names) == 1:
         return names[0]

@@ -116,7 +116,7 @@ class Fit:
         return cls(np.zeros((ORDER, _UNKNOWNS)), focal_px, 0.0, _STIFFNESS[-1], 0.0)
 
     def later(self, frames: int) -> Fit:
-        """Returns the fit with times counted from a later frame, as a start for another fit."""
+        """Returns the fit with times counted from a later frame, from which another fit can start."""
         return replace(self, coefficients=self.coefficients[PER_FRAME * frames :])
 
     def after(self, earlier: Fit, at: float, over: float) -> Fit:
@@ -325,7 +325,7 @@ class Problem:
 
 
 def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:
-    """Stiffens a fit until no frame moves much faster within itself than the tracks between frames.
+    """Stiffens a fit until no frame moves much faster during its readout than between frames.
 
     An oscillation that repeats with every frame leaves no trace in the tracks, and one that grows from frame to
     frame looks like a scene whose lower rows move faster, as near ground does. Such a fit is rejected in favour of a

@@ -173,7 +173,7 @@ class FrameMotion:
         return self.fit.rotation(self.at + after)
 
     def step_from(self, before: FrameMotion | None) -> Step | None:
-        """Returns the camera's rotation since the previous frame, or None if it is unknown."""
+        """Returns the camera's rotation since the previous frame; None if it is unknown."""
         if before is None or before.scene != self.scene:
             return None
         joined = before.shot == self.shot

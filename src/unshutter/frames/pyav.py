@@ -79,7 +79,7 @@ class _Seekable:
         self.tell = stream.tell
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Returns the new position, or a negative number where a damaged file asks for one that there cannot be."""
+        """Returns the new position, or a negative number if a damaged file asks for an impossible one."""
         try:
             return self._stream.seek(offset, whence)
         except (OSError, ValueError, OverflowError):
@@ -91,7 +91,7 @@ class _Seekable:
 
 
 def is_called_back(frame: FrameType | None) -> bool:
-    """Returns whether FFmpeg has called what runs: it passes no exception on, but takes the file for damaged."""
+    """Whether the running code was called by FFmpeg, which swallows exceptions and takes the file for damaged."""
     while frame is not None and frame.f_code is not _Seekable.seek.__code__:
         frame = frame.f_back
     return frame is not None

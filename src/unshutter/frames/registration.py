@@ -1,4 +1,4 @@
-"""Registers a photo to the frames of its video, and fits the camera's rotation during the photo's readout to that.
+"""Registers a photo to the frames of its video, and fits the camera's rotation during the photo's readout.
 
 The video's frames give the camera's rotation T(t) over time (frames/camera.py). A point of the photo at x, in row y
 (0 ... 1), and at x' in frame k shows the rotation Q(y) of that row against the video:

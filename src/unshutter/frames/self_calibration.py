@@ -202,7 +202,7 @@ def drift(pair: Tracks) -> float:
 
 
 def fewer(pair: Tracks, most: int = _FRAMES.most_tracks) -> Tracks:
-    """Returns an even selection of a pair's tracks, with strong and weak corners; more would only take longer."""
+    """Returns an even selection of a pair's tracks, of strong and weak corners; more would only cost time."""
     if len(pair) <= most:
         return pair
     chosen = np.zeros(len(pair), bool)
@@ -367,7 +367,7 @@ class Shot:
         self._gap = 0.0
 
     def as_now(self, known: tuple[float, Fit] | None) -> Fit | None:
-        """Returns an earlier fit, for times counted as the next ones are; None if there is none that overlaps."""
+        """Returns the earlier fit on the clock of the next frames; None if none overlaps them."""
         if known is None:
             return None
         since, fit = known

@@ -1,4 +1,4 @@
-"""Smooth paths: cubic splines with the least squares that fit them, and a quadratic programme that smooths rotations.
+"""Smooth paths: least-squares fits of cubic splines, and a quadratic programme that smooths rotations.
 
 A path p has a rotation vector for each frame, in the camera's axes. The smoothed path is s = p - c, where the
 corrections c minimise
@@ -35,7 +35,7 @@ def basis(at: Float[np.ndarray, "*times"], knots: int) -> Float64[np.ndarray, "*
 
 
 def roughness(knots: int, order: int = 2) -> Float64[np.ndarray, "knots knots"]:
-    """Returns the quadratic form for the sum of squared differences, of an order, of a spline's coefficients.
+    """Returns the quadratic form of the sum of squared differences of the given order between a spline's coefficients.
 
     With knots h apart, the integral of the squared second derivative is about ``roughness(knots, 2) / h**3``.
     """

@@ -128,7 +128,7 @@ def lucas_kanade(
     guess: Float32[np.ndarray, "points 1 2"],
     window: int,
 ) -> tuple[Float32[np.ndarray, "points 1 2"], Bool[np.ndarray, "points"]]:
-    """Searches points of a picture in another one by pyramidal Lucas-Kanade; returns their positions, and which exist.
+    """Searches for points in another picture by pyramidal Lucas-Kanade; returns positions, and which were found.
 
     Args:
         guess: positions from which the search starts.

@@ -24,7 +24,7 @@ from unshutter.version import __version__
 
 @dataclass(frozen=True)
 class MotionOdds:
-    """Evidence of a photo on whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
+    """A photo's evidence on whether its camera moved, for judging the photos of a folder together (run/folder.py)."""
 
     log_odds: float  # that the camera moved, if half of all cameras did
     decision_threshold: float  # log odds of the folder from which a motion is undone
@@ -89,7 +89,7 @@ class Finding:
 
     @classmethod
     def of(cls, answer: Motion | Finding, estimator: str) -> Finding:
-        """Returns the answer of an estimator, which may be just a motion."""
+        """Returns an estimator's answer as a finding; the answer may be a bare motion."""
         if isinstance(answer, Finding):
             return answer
         return cls(answer, estimator=estimator, source=MotionSource.PIXELS)
@@ -117,7 +117,7 @@ class Finding:
         return replace(self, motion=motion, held=self.held.rolled(rotated))
 
     def as_stated(self, most: float = MOST_STATED) -> Finding:
-        """Returns the finding with its confidence, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
+        """Returns the finding with every confidence in it rounded by :func:`~unshutter.reasons.as_stated`."""
         sure = None if self.confidence is None else as_stated(self.confidence, most)
         return replace(self, confidence=sure, reason=self.reason and self.reason.as_stated(most))
 
@@ -301,7 +301,7 @@ class Candidate:
         return f"{self.description} ({', '.join(known)})" if known else self.description
 
     def as_stated(self, most: float = MOST_STATED) -> Candidate:
-        """Returns the candidate with its probability, wherever it says it, as :func:`~unshutter.reasons.as_stated`."""
+        """Returns the candidate with every probability in it rounded by :func:`~unshutter.reasons.as_stated`."""
         least = 1 - MOST_STATED if self.kind == "still" else 0.0  # that nothing helps is never ruled out
         motion_odds = None if self.probability is None else max(as_stated(self.probability, most), round(least, 2))
         return replace(self, finding=self.finding.as_stated(most), probability=motion_odds)

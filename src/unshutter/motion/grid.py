@@ -174,7 +174,7 @@ class SamplingGrid:
 
     @property
     def area_left(self) -> Tile:
-        """The whole output as a tile."""
+        """The whole output, as one tile."""
         return Tile(0, self.height, 0, self.width)
 
     def everywhere(

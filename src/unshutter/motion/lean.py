@@ -1,4 +1,4 @@
-"""A motion in three numbers that people can read and set: how far it leans, bends and turns the picture."""
+"""A motion as three numbers that people can read and set: how far it leans, bends and turns the picture."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Lean:
         return cls(lean_deg, 100 * float(bend) / rows, turn_deg)
 
     def given_to(self, motion: Motion) -> RowMotion:
-        """Returns a motion changed so that these are its numbers; raises UnshutterError if it would fold over."""
+        """Returns the motion changed to have these numbers; raises UnshutterError if it would fold the picture over."""
         now = Lean.of(motion)
         u = np.linspace(0, 1, motion.height)
         lean = math.tan(math.radians(self.lean_deg)) - math.tan(math.radians(now.lean_deg))

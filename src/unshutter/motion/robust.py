@@ -1,4 +1,4 @@
-"""Weights for robust fits: measurements that fit badly have little influence.
+"""Weights for robust fits, which give outliers little influence.
 
 Fits alternate between solving with the weights and computing new weights from what the solution leaves.
 """

@@ -109,7 +109,7 @@ _CAUSES = {
 
 
 def probability_better(size: float, error: float) -> float:
-    """Probability that undoing a motion brings a photo closer to the truth: that its error is smaller than it is.
+    """Probability that undoing a motion brings a photo closer to the truth: that its error is less than its size.
 
     Args:
         size, error: mean displacement, and the standard deviation of its error, in the same unit.
@@ -118,7 +118,7 @@ def probability_better(size: float, error: float) -> float:
 
 
 class Certainty(StrEnum):
-    """The confidence in a motion as a word, the only one for it: on the page, too.
+    """The confidence in a motion as a word, the same one everywhere.
 
     By default, nothing doubtful is undone. Of photos that are left, no such word is said: a reason says why.
     """
@@ -173,7 +173,7 @@ class Verdict:
 
     @property
     def confidence(self) -> float | None:
-        """Probability that the result is better than the photo, as it is stated; None if unknown.
+        """Stated probability that the result is better than the photo; None if unknown.
 
         Of a photo whose motion is not undone, for the reason that nothing moved, that nothing else is better.
         """
@@ -192,7 +192,7 @@ class Verdict:
 
     @property
     def left_px(self) -> float:
-        """Largest displacement that the strength leaves on purpose; negative: undone beyond it [px]."""
+        """Largest displacement that the strength leaves on purpose [px]; negative if more than the motion is undone."""
         return self.largest_px * (1 / self.strength - 1) if self.strength > 0 else 0.0
 
     @property
@@ -229,13 +229,13 @@ class Verdict:
 
     @property
     def needs_a_look(self) -> bool:
-        """Whether someone should compare both pictures, because a large motion was undone that is not even likely."""
+        """Whether someone should compare both pictures, because a large motion was undone that is not "likely"."""
         doubted = self.certainty is not None and self.certainty.is_doubted
         return doubted and self.largest_px > _LARGE * self.finding.motion.height
 
     @property
     def least_confidence(self) -> float | None:
-        """A least confidence with which a motion would be undone that is left because it is unsure; otherwise None."""
+        """The least confidence to ask for so that a motion left as unsure would be undone; None for any other."""
         if self.reason is None or _CAUSES.get(self.reason.code) is not Cause.UNSURE or self.reason.px < LEAST_PX:
             return None
         if self.confidence is None or not is_measurable(self.reason.px, self.finding.motion.height):

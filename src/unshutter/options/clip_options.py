@@ -277,7 +277,7 @@ class RectifyClip:
         return replace(self, start=start, end=end) if begin_s else self
 
     def span(self, begin_s: float, duration_s: float) -> tuple[float, float]:
-        """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute.
+        """Returns start and end [s] of the part to keep; a clip of unknown length (0) counts as a minute long.
 
         Args:
             begin_s: time at which the clip begins, on the clock of start and end.

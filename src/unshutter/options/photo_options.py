@@ -122,7 +122,7 @@ class Find:
         return self.estimator != DEFAULT_ESTIMATOR or self.decision.any or self.camera.moving is not None
 
     def for_least_confidence(self, least: float | None) -> Find:
-        """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
+        """Adapts the options to a least confidence; 0 accepts the likeliest motion, however unsure."""
         return replace(
             self, decision=replace(self.decision, least_confidence=least if self.candidate is None else None)
         )

@@ -24,7 +24,7 @@ class Rectify:
     neighbours: Neighbours = field(default_factory=Neighbours)
 
     def settled(self) -> Rectify:
-        """Returns the options with their consequences for one another.
+        """Returns the options after applying the consequences that some have for others.
 
         A given motion is undone regardless of its confidence, results of a sequence keep their coordinates, and a least
         confidence of 0 accepts the likeliest motion.

@@ -111,7 +111,7 @@ def publish(folder: Path, page: RunningPage) -> None:
 
 
 def described_page(folder: Path) -> RunningPage | None:
-    """Returns the page that is said to run, whether or not it does."""
+    """Returns the page that the file describes, whether or not it still runs."""
     with suppress(OSError, ValueError, TypeError):
         page = RunningPage(**json.loads((folder / _PAGE).read_text(encoding="utf-8")))
         return page if isinstance(page.port, int) and isinstance(page.token, str) else None

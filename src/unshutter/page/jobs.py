@@ -1,4 +1,4 @@
-"""Jobs of worker processes, called by name so that the server need not load NumPy and OpenCV."""
+"""Jobs of worker processes, called by name, so that the server need not load NumPy and OpenCV."""
 
 from __future__ import annotations
 

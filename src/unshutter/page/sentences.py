@@ -60,7 +60,7 @@ _ADVICE: dict[Code, tuple[str, ...]] = {
 
 
 def sentence(reason: Reason) -> str:
-    """Words a reason as the page does."""
+    """Phrases a reason as the page does."""
     figures = dict(reason.figures)
     if figures.get("segments") == 1:
         return _ONE_LINE

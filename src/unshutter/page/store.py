@@ -150,7 +150,7 @@ class Store:
 
     @contextmanager
     def used(self, files: Collection[OpenFile]) -> Iterator[None]:
-        """Keeps files until the block ends, even if they are closed before."""
+        """Keeps files until the block ends, even if they are closed earlier."""
         self._used.update(each.id for each in files)
         try:
             yield

@@ -33,7 +33,7 @@ class Source:
 
     @classmethod
     def of_file(cls, path: Path) -> Source:
-        """Returns the data of a file as it is now: once it is changed or replaced, its pixels are refused."""
+        """Returns the data of a file as it is now; once the file is changed or replaced, its pixels are refused."""
         return cls(path, Opened.at(path))
 
     def __str__(self) -> str:

@@ -88,7 +88,7 @@ class _Comparison:
         return cls(first, first + span, max(5, round(_AROUND / stride)), _between(rotations, first, first + span))
 
     def misfit(self, path: _ClipPath, frames: np.ndarray) -> float | None:
-        """Returns what of the rotations the clip does not explain, as a share of their rms; None if they tell nothing.
+        """Returns the share of the rotations' rms that the clip does not explain; None if they show nothing.
 
         Args:
             frames: [pictures] frame that each shows.

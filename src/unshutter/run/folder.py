@@ -38,7 +38,7 @@ class Judged:
 
     @classmethod
     def of(cls, job: Job, outcome: Outcome) -> Judged | None:
-        """Returns what became of a photo; None if it says nothing about the others, nor they about it."""
+        """Returns what became of a photo; None if it and the others say nothing about each other."""
         motion_odds = None if outcome.verdict is None or outcome.model else outcome.verdict.finding.motion_odds
         if motion_odds is None:
             return None
@@ -60,13 +60,13 @@ class Judged:
 
     @property
     def most(self) -> float:
-        """Highest log odds that the others lend it: none that it moved, unless its camera is named."""
+        """Highest log odds that the other photos can lend it; 0 unless its camera is named."""
         camera = self.group.rpartition("|")[0].rpartition("|")[2]
         return MOST if camera else 0.0
 
 
 def shares_moved(log_odds: Sequence[float]) -> list[float]:
-    """Returns the log odds that a photo moved, [N] for N photos, each from all the others.
+    """Returns the log odds [N] that each of N photos moved, as all the others suggest.
 
     Args:
         log_odds: [N] of each photo by itself.

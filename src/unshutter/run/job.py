@@ -48,7 +48,7 @@ class Job:
 
     @property
     def picture(self) -> Path:
-        """The path of its picture, if it changes."""
+        """The path of its picture, if the photo is changed."""
         target = self.target(TargetKind.PICTURE)
         assert target is not None
         return target.path
@@ -126,7 +126,7 @@ class Outcome:
 
     @property
     def note(self) -> str:
-        """What the user should know of the files that were written, usually nothing."""
+        """What the user should know about the written files; usually empty."""
         notes = []
         for file in self.written:
             notes += [f"encoded as {file.encoded_as}"] if file.encoded_as else []

@@ -53,7 +53,7 @@ class Goal:
         return many or not self.path.suffix or self.path.is_dir()
 
     def must_be_folder(self, what: str) -> None:
-        """Checks that it is meant as a folder, as ``what`` (``masks need``) does."""
+        """Checks that it is a folder, which ``what`` (``masks need``) requires."""
         goal = self.path
         there = goal.is_dir()
         if goal.exists() and not there:
@@ -93,13 +93,13 @@ class Plan:
 
     @property
     def makes_a_set(self) -> bool:
-        """Whether the results seem meant for photogrammetry: with masks or the photos' names, and all of them."""
+        """Whether the results look meant for photogrammetry: all photos, with masks or under their own names."""
         save = self.request.save
         return not save.only_changed and (save.keep_names or any(job.target(TargetKind.MASK) for job in self.to_do))
 
     @property
     def can_level(self) -> bool:
-        """Whether photos may be levelled besides: nothing else refers to their coordinates or their neighbours."""
+        """Whether photos may also be levelled: nothing else refers to their coordinates or neighbours."""
         request = self.request
         neighbours = request.neighbours
         kinds = TargetKind.MOTION, TargetKind.MASK
@@ -108,7 +108,7 @@ class Plan:
 
     @property
     def judged_together(self) -> bool:
-        """Whether the photos of a folder say together how many of them moved (folder.py)."""
+        """Whether the photos of a folder are judged together (folder.py)."""
         request = self.request
         camera = request.find.camera
         neighbours = request.neighbours

@@ -129,7 +129,7 @@ class Report:
         self._bar.advance(0 if again else 1)
 
     def tell_of_folder(self, folder: Folder) -> None:
-        """Reports what the photos of a folder said together, if that changed anything."""
+        """Reports what judging the photos of a folder together changed, if anything."""
         if folder.redone:
             photos = "1 photo was" if folder.redone == 1 else f"{folder.redone} photos were"
             self.tell(

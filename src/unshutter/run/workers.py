@@ -86,7 +86,7 @@ class Workers:
             yield from self._collect()
 
     def remove_leftovers(self) -> None:
-        """Removes what workers that died left: to be called again when all have ended, as they hold files till then."""
+        """Removes what dead workers left; to be called again when all have ended, since they hold files until then."""
         for folder in self._left_in:
             remove_leftovers(folder)
 

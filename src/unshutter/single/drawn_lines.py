@@ -227,7 +227,7 @@ class DrawnLikelihood(ManhattanLikelihood):
 
 
 class Trouble(Worded):
-    """Why a line does not run in the result as it was drawn to."""
+    """Why a drawn line does not run as intended in the result."""
 
     SIDEWAYS = "sideways", "it runs across the direction that it is to have, and was not used"
     CONTRADICTS = "contradicts", "no plausible motion straightens it along with the other lines"

@@ -288,7 +288,7 @@ class ManhattanLikelihood:
         return self.weight * np.log(self._densities(self._residuals(unknowns))[0])
 
     def weight_of_directions(self, unknowns: np.ndarray) -> np.ndarray:
-        """Returns the weight of the segments that run towards each vanishing point, the vertical first: [10] -> [3]."""
+        """Returns the weight of the segments that point to each vanishing point, vertical first: [10] -> [3]."""
         sine = self._residuals(unknowns[None]).sine[0] ** 2
         pairs = zip(self._precisions, self._peaks, strict=True)
         density = np.sum([np.exp(-0.5 * sine * precision) * peak for precision, peak in pairs], axis=0)  # [3, N]

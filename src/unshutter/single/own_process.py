@@ -1,4 +1,4 @@
-"""Runs a network's file in a process of its own, because the file may make it crash, exhaust the memory, or never end.
+"""Runs a network's file in a process of its own, which a bad file may crash, fill up, or keep busy.
 
 The module that runs it there calls :func:`answer`; :func:`run_in_own_process` starts it and takes its answer.
 """

@@ -17,7 +17,7 @@ _FROM_ROLLS, _FROM_TILTS = np.radians([-6, -3, 0, 3, 6]), np.radians([-10, 0, 10
 
 @dataclass(frozen=True)
 class RollParams:
-    """When a roll is trusted: ``python lab/benchmarks/levelling.py`` (docs/research/own-model-folders.md#levelling)."""
+    """Limits of trust: ``python lab/benchmarks/levelling.py`` (docs/research/own-model-folders.md#levelling)."""
 
     same_camera: float = 0.003  # of its unknowns
     same_roll: float = math.radians(0.3)

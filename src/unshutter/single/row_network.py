@@ -171,7 +171,7 @@ class Kandula2020(Estimator):
 
 
 def cubic(motion: Float64[np.ndarray, "2 256"], rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "2 rows"]:
-    """Returns the cubics through a motion at other rows; straight pieces between its rows would be slow to warp by."""
+    """Interpolates a motion by cubics at other rows; warping by straight pieces would be slow."""
     coefficients = np.polynomial.polynomial.polyfit(np.arange(SIZE) / SIZE, motion.T, 3)
     return np.polynomial.polynomial.polyval(rows / SIZE, coefficients)
 

@@ -263,7 +263,7 @@ def descend(
 
 
 def poses(likelihood: ManhattanLikelihood, motion: np.ndarray, roll: float = 0.0) -> np.ndarray:
-    """[cameras, 10] the cameras of a grid that best fit a motion, with distinct yaws and this much more roll [rad]."""
+    """Returns [cameras, 10] unknowns: the cameras of a grid, rolled by this much more [rad], that best fit a motion."""
     expected = likelihood.prior.mean
     tilts = _TILTS if likelihood.known.tilt is None else [expected[TILT]]
     yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))

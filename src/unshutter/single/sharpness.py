@@ -29,7 +29,7 @@ BANDS = 4  # of rows: the camera's motion may be uneven
 
 @dataclass(frozen=True)
 class BlurParams:
-    """What blur shows, measured by ``python lab/benchmarks/smears.py`` (docs/research/own-model-search.md)."""
+    """How edges limit the speed; by ``python lab/benchmarks/smears.py`` (docs/research/own-model-search.md)."""
 
     # ---- widths of edges
     lines: int = 128  # rows, and columns, that are examined
@@ -84,7 +84,7 @@ class SpeedLimit:
 
     @property
     def reason(self) -> Reason:
-        """Why a photo that refutes the motion is left unchanged."""
+        """The reason to leave a photo unchanged that is too sharp for its motion."""
         exposure = f"1/{1 / self.exposure_s:.0f} s" if self.exposure_s < 0.3 else f"{self.exposure_s:.1f} s"
         return Reason.of(Code.TOO_SHARP, exposure=exposure)
 

@@ -1,4 +1,4 @@
-"""Estimates the speed of the camera from motion blur: the length of the smears in each band of rows.
+"""Estimates the camera's speed from motion blur: the length of the smears in each band of rows.
 
 A smear of length L along the rows multiplies the power of the picture along them by sinc^2(f L) at the frequency f. The
 power along the columns shows what it would be without smears, up to a factor and a power of f by which scenes differ:

@@ -1,4 +1,4 @@
-"""Opened: a file as it was when it was opened, because its name may lead to another file later, or to none."""
+"""Opened: a file as it was when it was opened; later its name may lead to another file, or to none."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unshutter.storage.files import Times
 
 @dataclass(frozen=True)
 class Opened:
-    """A file that was opened: where, and what it was then.
+    """A file that was opened: its path and identity at that time.
 
     Attributes:
         path: its absolute path, which leads to it from any working folder.

@@ -1,4 +1,4 @@
-"""Rectifies a whole clip: looks at it, plans what to do with it, renders its frames and writes the output file.
+"""Rectifies a whole clip: reads its facts, calibrates, decides, renders its frames and writes the output file.
 
 Frames are rendered ahead of being written. Packets of the clip's other streams wait until the frames next to them are
 written.

@@ -1,4 +1,4 @@
-"""What is done with a clip, by what was measured of it: its frames are rectified, or it is left for a reason.
+"""The decision on a clip, from what was measured of it: its frames are rectified, or it is left for a reason.
 
 All thresholds of this decision stand here. Where measurements of some frames speak against rectifying a clip, all of
 its frames are measured before it is left. Only scenes of one clip that contradict it are found later, as frames are
@@ -87,7 +87,7 @@ def calibrate_and_decide(request: ClipRequest) -> tuple[ClipRequest, ClipCamera,
 
 
 def decide(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Decision:
-    """Decides on a clip of a camera by some of its frames; all are asked before it is left.
+    """Decides on a clip from some of its frames; all of them are examined before it is left.
 
     Raises:
         UnshutterError: the part that the user selected has no frames.
@@ -170,7 +170,7 @@ def _why_gain_is_too_small(request: ClipRequest, camera: ClipCamera, sampled: Sa
 
 
 def why_no_gain(measured: Gain, sure: float = _PARAMS.sure) -> Reason | None:
-    """Returns why a clip is no better afterwards; None if it is, or if no frames can tell.
+    """Returns why a clip would be no better afterwards; None if it would, or if no frames can show it.
 
     Args:
         sure: standard deviations by which the gain must exceed 0.
@@ -212,6 +212,6 @@ def _are_worse(after: StepSizes, before: StepSizes, slack: float) -> bool:
 
 
 def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
-    """Whether anyone can see that frames are displaced so far [px, but of 1080 rows at most]."""
+    """Whether anyone can see a displacement of this size [px, of at most 1080 rows]."""
     most = np.percentile(displaced_px, _PARAMS.most_frames)
     return bool(most >= _PARAMS.visible_px or np.max(displaced_px) >= _PARAMS.briefly_visible_px)

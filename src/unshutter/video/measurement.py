@@ -30,7 +30,7 @@ _BY_FRAMES = ReadoutSource.FRAMES, ReadoutSource.REGRESSION
 
 @dataclass(frozen=True)
 class ClipMeasurement:
-    """What a clip, or several clips of one camera, tell about their camera."""
+    """The measurement of a camera by one or several of its clips."""
 
     clips: tuple[str, ...]  # their files
     width: int  # of the stored frames [px]

@@ -1,4 +1,4 @@
-"""What became of a clip's frames: the outcome for the user, the log and the plot."""
+"""The outcome of a clip's rectification, for the user, the log and the plot."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class ClipGyro:
 
     @property
     def readout_time(self) -> ReadoutTime | None:
-        """The readout time revealed by the clip and its log; None if they do not reveal it."""
+        """The readout time that the clip and its log show; None if they do not."""
         if self.synchronisation is None or self.reason is not None:
             return None
         if self.stated is not None:
@@ -73,7 +73,7 @@ class ClipGyro:
 
 
 def log_of_clip(request: ClipRequest) -> GyroLog | ClipGyro | None:
-    """Reads the gyro log of a clip; returns why it cannot be used if so, or None if there is none."""
+    """Reads the gyro log of a clip; returns a reason if it cannot be used, None if there is none."""
     clip = request.clip
     choice = request.options.shutter.gyro
     if choice == GYRO_OFF:
@@ -173,7 +173,7 @@ def _covers(log: GyroLog, begin_s: float, end_s: float) -> bool:
 
 
 def lively_parts(request: ClipRequest, log: GyroLog) -> list[float] | None:
-    """Returns the start times of the parts of a clip to be compared with its log [s]; None: the whole clip.
+    """Returns the start times [s] of the parts of a clip that are compared with its log; None for the whole clip.
 
     They are spread over the clip, each where the camera turned most in its neighbourhood, if that is known.
     """

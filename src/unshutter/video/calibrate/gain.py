@@ -1,4 +1,4 @@
-"""What undoing a clip's motion gains, as its own frames show it: on tracks that are kept out of the fit.
+"""What undoing a clip's motion gains, measured on tracks that are held out of the fit.
 
 A global shutter's tracks between two frames follow the camera's rotation and a change of scale; what is left is wobble.
 Undoing the motion moves both ends of each track. If it moved as estimated, less is left. If it moved evenly, all frames
@@ -66,13 +66,13 @@ class StepSizes:
 
     @property
     def figures(self) -> tuple[float, float, float]:
-        """All of them, in the order in which people see them."""
+        """All sizes, in the order in which people see them."""
         return self.rms, self.largest, self.usual
 
 
 @dataclass(eq=False)
 class FrameSteps:
-    """Frames in order, as they were and as they are when their motion is undone."""
+    """Consecutive frames, before and after their motion is undone."""
 
     rows: int = 1080  # of the copies in which tracks were found; pixels are theirs
     _pairs: list[tuple[PairMotion, PairMotion] | None] = field(default_factory=list)  # before and after

@@ -178,7 +178,7 @@ def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
 
 
 def may_bend_lines(evidence: SampledFrames) -> bool:
-    """Whether a look at a clip's first frames leaves it open that its lens bends lines."""
+    """Whether the lens may bend lines, as far as the clip's first frames show."""
     pairs = _moving(_shown(evidence.parts[0][: PART + 1])) if evidence.parts else []
     return len(pairs) < _PARAMS.min_pairs or _may_bend(pairs)
 
@@ -290,7 +290,7 @@ class _Turning:
     def highest(
         self, starts: Sequence[np.ndarray], along: Float64[np.ndarray, "n 2"], step: float, rounds: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Finds the most probable lens, by Newton's method with numerical derivatives from the best of some lenses.
+        """Finds the most probable lens by Newton's method with numerical derivatives, from the best of several starts.
 
         Args:
             along: directions in which to climb.

@@ -1,4 +1,4 @@
-"""How the camera's path over a clip is estimated: from small copies of its frames, in windows that fit into memory."""
+"""Sets up the estimation of a camera's path over a clip: small copies of frames, in windows that fit into memory."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def camera_motion(
     focal_px: float | None = None,
     stage: Stage = Stage.FIT,
 ) -> CameraMotion:
-    """Returns what estimates the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`.
+    """Returns the estimator of the motion of a clip's frames; see :func:`with_motion` and :class:`CameraMotion`.
 
     Args:
         stage: as what its fits are counted.
@@ -75,7 +75,7 @@ def grey_copies(request: ClipRequest, frames: Iterable[Frame]) -> Iterator[GreyF
 
 
 def small_finding(motion: FrameMotion) -> Finding:
-    """Returns the motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
+    """Returns a frame's motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
     rows = ROWS if motion.rotations is None else GYRO_ROWS
     width = max(1, round(motion.width * rows / motion.height))
     return replace(motion, height=rows, width=width).finding()

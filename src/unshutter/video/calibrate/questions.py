@@ -1,4 +1,4 @@
-"""Which frames of a clip are asked: a table of the questions about its camera, with the frames that answer each.
+"""The questions about a clip's camera, and the frames that answer each of them, as a table.
 
 The first question that is open decides: it needs the most frames, and these answer the others, too.
 """

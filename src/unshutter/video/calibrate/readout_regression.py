@@ -32,7 +32,7 @@ from unshutter.readout_time import ReadoutRatio, ReadoutSource
 
 @dataclass(frozen=True)
 class RegressionParams:
-    """What counts in a regression, and when its answer does (docs/research/clips.md; lab/benchmarks/real_clips.py)."""
+    """Weights in a regression, and when it is trusted (docs/research/clips.md; lab/benchmarks/real_clips.py)."""
 
     min_tracks: int = 30  # of a pair of frames
     least_spread: float = 0.5  # of their rows, as a share of the height
@@ -68,7 +68,7 @@ class PairMotion:
 
     @property
     def moved(self) -> bool:
-        """Whether the second frame is another one than the first: encoders repeat frames to fill gaps."""
+        """Whether the second frame differs from the first: encoders repeat frames to fill gaps."""
         return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _PARAMS.repeated_px
 
     @classmethod
@@ -182,7 +182,7 @@ class Regression:
 
     @property
     def error(self) -> float:
-        """Standard error of the ratio, as large as the shifted paths say."""
+        """Standard error of the ratio, estimated from shifted paths."""
         return self.rows.error * max(1.0, self.spread)
 
     @property
@@ -203,12 +203,12 @@ class Regression:
 
     @property
     def is_precise(self) -> bool:
-        """Whether that is as certain as more frames of the clip need not make it."""
+        """Whether it is so certain that no more frames are needed."""
         return self.is_sure and abs(self.t) > _PARAMS.precise
 
     @property
     def is_likely(self) -> bool:
-        """Whether rows were probably read one after another, about as fast as the ratio says."""
+        """Whether rows were probably read one after another, at about this ratio."""
         quiet = abs(self.columns.t) < abs(self.rows.t) / 2
         return abs(self.t) > _PARAMS.likely and self.error < _PARAMS.likely_error and quiet
 
@@ -230,7 +230,7 @@ class Regression:
 
     @property
     def would_show(self) -> bool:
-        """Whether the clip would show a rolling shutter by now, if it had one."""
+        """Whether a rolling shutter, if there was one, would have shown in the frames so far."""
         return self.error < _PARAMS.would_show
 
 

@@ -64,7 +64,7 @@ def regression_in_survey(evidence: SampledFrames) -> Regression | None:
 
 
 def wobble_in_survey(evidence: SampledFrames, rows: int) -> float | None:
-    """Returns how far a clip wobbles from frame to frame, by what its readout explains; None if its frames are too few.
+    """Returns how far a clip wobbles from frame to frame because of its readout; None if its frames are too few.
 
     Args:
         rows: of the clip's frames.

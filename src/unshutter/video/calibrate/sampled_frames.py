@@ -57,12 +57,12 @@ class SampledFrames:
         return (frame for part in self.parts for frame in part)
 
     def px_of(self, rows: int) -> float | None:
-        """Returns how many px of the clip, of so many rows, one px of the tracked copies is; None: none was tracked."""
+        """Returns how many px of a clip with these rows a tracked copy's px is; None if nothing was tracked."""
         tracks = next((frame.tracks for frame in self.frames if frame.tracks is not None), None)
         return None if tracks is None else rows / tracks.height
 
     def through(self, lens: Lens | None) -> SampledFrames:
-        """Returns the survey as seen through a lens that bends straight lines; None: it does not."""
+        """Returns the frames as seen through a lens that bends straight lines; unchanged without a lens."""
         if lens is None:
             return self
         seen = [
@@ -72,7 +72,7 @@ class SampledFrames:
         return replace(self, parts=seen)
 
     def with_parts(self, other: SampledFrames) -> SampledFrames:
-        """Returns the survey of other parts of the clip, too."""
+        """Returns these frames together with other parts of the clip."""
         return SampledFrames(sorted([*self.parts, *other.parts], key=lambda part: part[0].time_s))
 
     def runs(self, most: int, frames: int, skipped: int = 0) -> list[Sequence[TrackedFrame]]:

@@ -78,7 +78,7 @@ class ArrayClip(Clip):
 
 
 class FirstFrames(Iterable[Pixels]):
-    """The first frames that an iterator yields: they are kept until all are taken, as they are needed often.
+    """The first frames of an iterator, which are needed repeatedly and so are kept until all are taken.
 
     Args:
         source: the iterator.

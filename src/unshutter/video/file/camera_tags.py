@@ -1,4 +1,4 @@
-"""What a clip's camera states in its file: the readout time, and how it was set.
+"""Statements of a clip's camera in its file: the readout time, and its settings.
 
 Cameras write readout times into MP4 and QuickTime files. GoPro: SROT [ms], among the settings of the file from HERO8
 on, before that in the telemetry track. Apple: a key of the movie or of the video's track [us]. CAMM, the motion

@@ -1,4 +1,4 @@
-"""A clip as all steps see it, be it a file or frames that the caller decodes; and what the user wants from it."""
+"""A clip as all steps see it, a file or frames that the caller decodes; and the user's request."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _AHEAD_BYTES = 25_000_000  # of frames queued between two steps
 
 @dataclass(frozen=True, kw_only=True)
 class Clip(ABC):
-    """The frames of a clip, and what is known of them before any is examined."""
+    """The frames of a clip, and what is known before any is examined."""
 
     path: str  # path of the file; for messages only if the frames come from the caller
     pixels: PixelFormat
@@ -58,7 +58,7 @@ class Clip(ABC):
         return size * self.height * self.width * (1 if self.pixels.depth == 8 else 2)
 
     def most_ahead(self, frames: int) -> int:
-        """Returns how many frames may wait between two steps: as many as given, or fewer if they are large."""
+        """Returns how many frames may wait between two steps: the given number, or fewer if they are large."""
         return min(frames, max(1, int(_AHEAD_BYTES / self.frame_bytes)))
 
     def since(self, before: Frame | None, frame: Frame) -> float | None:

@@ -1,4 +1,4 @@
-"""What a clip's file tells, read once: its headers, its camera's tags and its first frame; and all its frames."""
+"""The facts of a clip's file, read once: headers, camera tags and the first frame; and access to all its frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's file
 
 @dataclass(frozen=True)
 class Coding:
-    """How the frames of a clip are encoded, as far as a new video can follow it."""
+    """How the frames of a clip are encoded, as far as a new video can be encoded alike."""
 
     name: str  # FFmpeg's name of the codec
     tag: str  # the codec's tag in the file
@@ -152,7 +152,7 @@ def _is_within(at: float | None, start: float | None, end: float | None) -> bool
 def read_clip_facts(
     path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS, until_s: float | None = 0.0
 ) -> ClipFacts:
-    """Reads what a clip's file tells, in one pass.
+    """Reads the facts of a clip's file in one pass.
 
     Args:
         max_pixels: clips with larger frames are rejected.

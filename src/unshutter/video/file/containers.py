@@ -143,11 +143,11 @@ class FirstTimes:
 
     @property
     def are_enough(self) -> bool:
-        """Whether further packets would tell nothing new."""
+        """Whether further packets would add nothing."""
         return len(self._times) + self.untimed > _LOOKED_AT
 
     def add(self, packet: Packet) -> None:
-        """Adds the next packet of the video, unless those before it are enough."""
+        """Adds the next packet of the video, unless the previous ones suffice."""
         if self.are_enough:
             return
         if packet.pts is not None:
@@ -230,7 +230,7 @@ class Times:
 
 @dataclass
 class Extent:
-    """How far the packets of a video's file reach, as far as they were read."""
+    """The end of the packets of a video's file that were read so far."""
 
     frames: int = 0  # number of packets of the video
     video_s: float = -math.inf  # end of the video [s]

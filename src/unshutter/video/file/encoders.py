@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Codec:
-    """What an encoder of FFmpeg takes."""
+    """The settings of an encoder of FFmpeg."""
 
     decoders: tuple[str, ...] = ()  # FFmpeg's names of the codec that it writes; those of usual encoders are known
     crf: tuple[int, int] | None = None  # for results that look like the clip, and for files about half as large

@@ -28,7 +28,7 @@ _FULL = 4  # bytes of version and flags
 
 
 class NotPlainError(ValueError):
-    """A file whose tracks cannot be taken apart: fragmented, damaged, or with samples stored elsewhere."""
+    """A file whose tracks cannot be separated: fragmented, damaged, or with samples stored elsewhere."""
 
 
 DAMAGE = (OSError, KeyError, struct.error, IndexError, ValueError)  # what reading a damaged file raises
@@ -329,7 +329,7 @@ def _by_time(tracks: list[list[Chunk]]) -> Iterator[tuple[int, int]]:
 
 
 def can_take(movie: Movie, number: int) -> bool:
-    """Whether a file can be taken apart and reassembled with other frames in the track with an ID."""
+    """Whether a file can be reassembled with other frames in the track with an ID."""
     try:
         movie.place_of(number)
         for track in movie.tracks:

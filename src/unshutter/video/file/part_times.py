@@ -1,4 +1,4 @@
-"""What refers to times of a clip, moved along with a part of it: chapters, and the timecode of the first frame.
+"""Moves what refers to a clip's times along with a part of it: chapters, and the timecode of the first frame.
 
 Source of drop-frame timecodes: SMPTE ST 12-1, which leaves out two (of 60 frames: four) numbers each minute but every
 tenth.
@@ -31,7 +31,7 @@ def chapters_of_part(chapters: list[dict[str, Any]], start_s: float, end_s: floa
 
 
 def timecode_after(timecode: str, seconds: float, rate: Fraction) -> str:
-    """Returns the timecode of the first frame that is shown at least so many seconds after one with a timecode.
+    """Returns the timecode of the first frame shown at least this many seconds after one with a known timecode.
 
     A text of another kind is returned unchanged.
 

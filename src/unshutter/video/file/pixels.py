@@ -119,7 +119,7 @@ class PixelFormat:
         return views
 
     def blank(self, like: Frame, height: int, width: int) -> Frame:
-        """Returns a new frame with the time and colours of another one; its pixels have any value."""
+        """Returns a new frame with the time and colour tags of another one; its pixels are uninitialised."""
         if isinstance(like, ArrayFrame):
             return ArrayFrame(np.empty((height, width, *like.pixels.shape[2:]), like.pixels.dtype), like.time)
         picture = av().VideoFrame(width, height, self.name)

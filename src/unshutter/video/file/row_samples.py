@@ -1,4 +1,4 @@
-"""The motion of a clip's frame as it is kept, in memory and in files: the rotation of every fourth row, rounded.
+"""The motion of a frame as it is stored, in memory and in files: the rotation of every fourth row, rounded.
 
 Every motion of a frame is interpolated from it (:func:`as_kept`): so a saved one gives the same pixels.
 """
@@ -50,13 +50,13 @@ class RowSamples:
 
 
 def as_kept(found: Finding, lens: Lens | None) -> Finding:
-    """Returns what a file would keep of a small picture's motion."""
+    """Returns a small picture's motion as precisely as a file would store it."""
     motion = found.motion
     return replace(found, motion=RowSamples.of(motion).motion(lens)) if isinstance(motion, RotationMotion) else found
 
 
 def step_as_kept(step: Step | None) -> Step | None:
-    """Returns what a file would keep of the rotation since the previous frame."""
+    """Returns the rotation since the previous frame as precisely as a file would store it."""
     return None if step is None else replace(step, rotation=_rounded(step.rotation))
 
 

@@ -1,4 +1,4 @@
-"""The work on a clip as one task: which share of it is done, and how long the rest takes, by what its stages cost."""
+"""Progress of the work on a clip: the share that is done and the time left, from the cost of its stages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MORE = 0.1  # of what was done of a stage that takes longer than expected: so m
 
 
 class Stage(Enum):
-    """What the work on a clip consists of, by what is counted of it."""
+    """A stage of the work on a clip, and what is counted in it."""
 
     SURVEY = "frames in which corners are tracked, to know the camera"
     ALIGN = "pairs of frames that are aligned with a gyro log, each round"
@@ -57,7 +57,7 @@ _MORE_OF_GUESSED = 0.5
 
 
 class Work:
-    """Stages of which each takes its part of what is left of the whole: what is done never falls, and always grows.
+    """The stages of a task; the share that is done never falls.
 
     Stages that nobody expected take their part, too. The time that is left follows from the pace so far.
 
@@ -77,13 +77,13 @@ class Work:
         self._one_at_a_time = Lock()  # frames are decoded, followed and drawn in different threads
 
     def expect(self, items: dict[Stage, int]) -> None:
-        """States how many items are left of some stages; of the others, as many as before."""
+        """States how many items of some stages are left; the others keep their numbers."""
         with self._one_at_a_time:
             self._left |= items
             self._done |= dict.fromkeys(items, 0)
 
     def expect_as_before(self, stage: Stage, done: int, left: int) -> None:
-        """States that the frames that are left take as many items each as those that were begun since ``expect`` did.
+        """States that each remaining frame takes as many items as those begun since ``expect``.
 
         Args:
             done: number of frames that were begun, at least 1.
@@ -116,7 +116,7 @@ class Work:
         return partial(self.advance, stage)
 
     def finish(self) -> None:
-        """States that all is done, whatever else was expected."""
+        """States that everything is done, whatever was expected."""
         with self._one_at_a_time:
             self.observer.note_share(1.0, 0.0)
 

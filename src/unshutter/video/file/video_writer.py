@@ -263,7 +263,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
 
 
 def start_of(clip: ClipFacts, ending: str) -> float:
-    """Returns the time of a clip that becomes 0 in a video of another kind [s], which may hide what is before 0."""
+    """Returns the clip's time [s] that becomes 0 in a video with another container, which may hide what is before 0."""
     if clip.kind in _CLOCKS and clip.kind != VIDEO_FORMATS[ending]:
         return clip.start_s
     return min(clip.start_s, 0.0) if clip.timing.start < 0 else 0.0
@@ -275,7 +275,7 @@ def holds_covers(ending: str, clip: ClipFacts) -> bool:
 
 
 def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
-    """Returns the encoder as a video of some file ending takes it: with the clip's codec tag if possible.
+    """Returns the encoder adapted to a file ending: with the clip's codec tag if possible.
 
     The error names endings and encoders that were tried and work.
     """

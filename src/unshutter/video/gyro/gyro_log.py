@@ -141,7 +141,7 @@ class GyroLog:
 
 
 def chained(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3 3"]:
-    """Computes the products R0, R1 R0, R2 R1 R0 ..., in parallel blocks that are joined afterwards."""
+    """Computes the products R0, R1 R0, R2 R1 R0 ..., in blocks that are computed together and then joined."""
     block = max(1, int(np.sqrt(len(rotations))))
     padded = np.concatenate([rotations, np.broadcast_to(np.eye(3), (-len(rotations) % block, 3, 3))])
     blocks = padded.reshape(-1, block, 3, 3).copy()

@@ -1,4 +1,4 @@
-"""Finds the motion of a clip's frames from their neighbours, and fills in what single frames do not show."""
+"""Finds the motion of a clip's frames from their neighbours, and interpolates it where frames do not show it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ _LEAST_PX = 1.0  # smaller gaps are not mentioned
 
 @dataclass(frozen=True)
 class Enlargement:
-    """How much all frames of a clip are enlarged, and what is missing nevertheless."""
+    """The enlargement of all frames of a clip, and what remains missing."""
 
     zoom: float  # enlargement, 1 to :data:`LARGEST`
     missing_px: float  # the most that is still missing at a side of a frame [px]

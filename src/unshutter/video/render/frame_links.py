@@ -1,4 +1,4 @@
-"""Links the frames of a clip to their neighbours by optical flow, for near and far objects that move differently.
+"""Links the frames of a clip to their neighbours by optical flow, since near and far objects move differently.
 
 The flow is computed on small grey copies (frames/neighbours.py). It determines where each pixel of a rectified frame is
 sampled, in the frame itself and, for areas that it does not show, in its neighbours.

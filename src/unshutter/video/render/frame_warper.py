@@ -1,4 +1,4 @@
-"""Renders the frames of a clip that a global shutter would have taken: by the camera's motion or, for depths, by flow.
+"""Renders the frames that a global shutter would have taken: by the camera's motion or, for scenes in depth, by flow.
 
 Planes are sampled as stored, all by one grid (views.py): nothing is converted to RGB, or changed where nothing moves.
 Unlike photos, frames are not averaged: grain would vary from row to row.

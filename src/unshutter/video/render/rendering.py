@@ -1,4 +1,4 @@
-"""Renders the frames of a clip as decided: with their motion from the frames, a file or a first pass, and their views.
+"""Renders the frames of a clip as decided: their motion comes from the frames, a file or a first pass.
 
 Frame -> MovingFrame -> (LinkedFrame ->) NewFrame
 """
@@ -75,7 +75,7 @@ class Rendering:
         return view if self.enlargement is None else self.enlargement.of(view)
 
     def known(self) -> Iterator[tuple[Motion, View | None]]:
-        """Yields the frames' motions and views after a first pass, or of a clip that is left: each that differs."""
+        """Yields motions and views that a first pass, or the decision to leave a clip, has settled."""
         zero = RowMotion.zero(ROWS, ROWS)
         if self.path is None:
             yield zero, self.view(0)
@@ -197,7 +197,7 @@ def _path_of(rendering: Rendering, is_left: bool = False) -> CameraPath:
 
 
 def watched(rendering: Rendering) -> Generator[MovingFrame]:
-    """Yields the frames with their motion, reporting progress for each: a pass before that which writes the video."""
+    """Yields the frames with their motion in a pass before the one that writes the video, and reports progress."""
     steps = rendering.request.steps("looking")
     options = rendering.request.options
     decoded = rendering.request.clip.frames_between(options.start, options.end)
