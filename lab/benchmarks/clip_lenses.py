@@ -88,7 +88,7 @@ def mean_psnr(path: Path, truth: Path) -> float:
 
 
 def lens_error(found: dict | None, truth: Lens) -> float:
-    """Where the true direction of the corner is seen by the lens found, as a share of its true distance."""
+    """Returns where the lens found sees the corner's true direction, as a share of its true distance."""
     if not found:
         return np.nan
     corner = np.hypot(1, WIDTH / HEIGHT) / 2

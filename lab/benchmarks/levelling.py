@@ -38,7 +38,7 @@ class _View(NamedTuple):
 
 
 def main() -> None:
-    """Prints a row for the views as they are, and one with the tilt of each place allowed for."""
+    """Prints a row for the views as they are, and one that allows for each place's tilt."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--views", type=int, default=12, help="of each place")

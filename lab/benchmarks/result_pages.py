@@ -139,7 +139,7 @@ def _page(name: str, results: Results, docs: Path) -> str:
 
 
 def figures_of(name: str, results: Results, every: list[Table]) -> str:
-    """What stands between a page's command and its plots."""
+    """Returns what stands between a page's command and its plots."""
     kind = PROTOCOLS[results.request.protocol].kind
     short = CLIP_TABLES[kind](results) if kind in CLIP_TABLES else short_tables(every, kind)
     return f"{LEGENDS[kind]} [All figures, as CSV]({name}.csv).\n\n{short}"

@@ -113,7 +113,7 @@ def questions_table(docs: Path) -> str:
 
 
 def figures(path: Path, column: str) -> _Figures:
-    """One column of a CSV file; empty where there is no such file or column."""
+    """Returns one column of a CSV file; empty if there is no such file or column."""
     if not path.exists():
         return {}
     with path.open(encoding="utf-8", newline="") as lines:

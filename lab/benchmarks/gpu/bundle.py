@@ -1,4 +1,4 @@
-"""Everything that a bare GPU machine lacks, in one folder: small photos, and the sources that training imports.
+"""Collects what a bare GPU machine lacks in one folder: small photos, and the sources that training imports.
 
     python lab/benchmarks/gpu/bundle.py PHOTOS BUNDLE
     python lab/benchmarks/gpu/bundle.py PHOTOS BUNDLE --validation PHOTOS --places PLACES

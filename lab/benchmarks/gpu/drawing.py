@@ -42,7 +42,7 @@ class Drawing:
             worker.start()
 
     def fill(self, data: PixelData) -> None:
-        """Gives all that a network before had, and waits until there is enough to begin with."""
+        """Copies what was drawn for the previous network, and waits until there is enough to begin."""
         data.drawn = self._corners
         if data.places is not None:
             data.places.drawn = self._towns
@@ -54,7 +54,7 @@ class Drawing:
                 self._corners.append(data.held(drawn))
 
     def renew(self, data: PixelData) -> None:
-        """Takes some of what was drawn since: more corners until there are many, then one for another."""
+        """Adds some of what was drawn since; once there are many corners, each new one replaces another."""
         for _ in range(_AT_A_TIME):
             try:
                 drawn = self._drawn.get_nowait()

@@ -1,4 +1,4 @@
-"""Runs made small enough to travel: a machine lent for minutes takes in and gives back a few files of limited size.
+"""Packs runs into files small enough for a machine that is lent for minutes and transfers little.
 
 A parcel is one run: log, settings and weights; of a run that is under way the optimiser's state, too. Matrices and
 kernels have 16 bits (the optimiser's bfloat16, whose range is that of 32 bits). Fully connected layers with more than
@@ -75,7 +75,7 @@ def names(parcels: Path) -> list[str]:
 
 
 def is_wide(value: Tensor) -> bool:
-    """Whether it is a matrix too large to travel whole."""
+    """Whether an array is a matrix too large to be transferred whole."""
     return value.ndim == 2 and value.numel() > _WIDE
 
 
@@ -88,7 +88,7 @@ def shrunk(value: Tensor) -> Tensor | dict[str, Tensor]:
 
 
 def grown(value: Tensor | dict[str, Tensor]) -> Tensor:
-    """What :func:`shrunk` was given, in 32 bits."""
+    """Restores what :func:`shrunk` was given, in 32 bits."""
     if isinstance(value, dict):
         return value["left"].float() @ value["right"].float().T
     return value.float() if value.is_floating_point() else value

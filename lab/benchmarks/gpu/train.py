@@ -64,7 +64,7 @@ def main() -> None:
 
 
 def name_and_minutes(wanted: str) -> tuple[str, float | None]:
-    """Returns a configuration, and the minutes that it is given, if it is."""
+    """Returns a configuration, and its minutes if any are stated."""
     name, _, minutes = wanted.rpartition(":")
     try:
         return (name, float(minutes)) if name else (wanted, None)
@@ -73,7 +73,7 @@ def name_and_minutes(wanted: str) -> tuple[str, float | None]:
 
 
 def start_drawing(given: argparse.Namespace) -> Drawing | None:
-    """Starts to draw for the networks that are given minutes, if there are any."""
+    """Starts to draw for the networks that have minutes, if there are any."""
     names = [name for name, minutes in map(name_and_minutes, given.configs) if minutes is not None]
     if not names:
         return None
@@ -88,7 +88,7 @@ def start_drawing(given: argparse.Namespace) -> Drawing | None:
 
 
 def train(wanted: str, given: argparse.Namespace, minutes: float, runs: Path, drawing: Drawing | None) -> None:
-    """Trains one network for so many minutes at most, and packs it."""
+    """Trains one network for at most this many minutes, and packs it."""
     import torch
 
     from unshutter_lab.training.train import CHECKPOINT, Trainer
@@ -131,7 +131,7 @@ def train(wanted: str, given: argparse.Namespace, minutes: float, runs: Path, dr
 
 
 def train_for(trainer: Trainer, drawing: Drawing, minutes: float, at_most: float) -> bool:
-    """Trains for so many minutes, its rate at zero in the end, on drawn pictures that change all the while."""
+    """Trains for this many minutes, with a rate that falls to zero, on drawn pictures that keep changing."""
     from unshutter_lab.training.recipes import PixelRecipe
 
     assert isinstance(trainer.recipe, PixelRecipe)

@@ -1,4 +1,4 @@
-"""Makes runs of the parcels that a lent machine gave back: RUNS/NAME with its checkpoint and log.
+"""Unpacks the parcels of a lent machine into runs: RUNS/NAME with its checkpoint and log.
 
 python lab/benchmarks/gpu/unpack.py PARCELS RUNS
 unshutter train --config NAME --steps STEPS --out RUNS --photos FOLDER    # of a finished run it only writes model.onnx

@@ -263,7 +263,7 @@ def _estimator(known: str) -> SegmentManhattan:
 
 
 def found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | None) -> list[Record]:
-    """Returns the error of each motion that might be undone, and its features; none if all would be declined."""
+    """Returns error and features of each motion that might be undone; none if all would be declined."""
     if posterior.lines_gain < LEAST_GAIN:
         return []
     records = []

@@ -47,7 +47,7 @@ class Camera:
 
     @classmethod
     def of_view(cls, height: int, width: int, view_deg: float, **attitude: float) -> Camera:
-        """Creates a camera whose longer side shows so many degrees."""
+        """Creates a camera with a field of view [degrees] along its longer side."""
         return cls(height, width, max(height, width) / 2 / math.tan(math.radians(view_deg) / 2), **attitude)
 
     def attitude(self) -> Float64[np.ndarray, "3 3"]:
@@ -154,7 +154,7 @@ def paper_matrices(
     focal_px: float | Float[Array, "*at 1"],
     shift_px: float = 0.0,
 ) -> Float[Array, "*at rows 3 3"]:
-    """Returns the row matrices of t_x [px] and r_z [rad], about a centre shifted by so many columns."""
+    """Returns the row matrices of t_x [px] and r_z [rad], about a centre shifted by some columns."""
     xp = namespace(rz_rad)
     cosine, sine = xp.cos(rz_rad), xp.sin(rz_rad)
     moved, shift = (tx_px + shift_px) / focal_px, shift_px / focal_px
@@ -227,7 +227,7 @@ _FACE_AXES = {
 
 
 def face_directions(name: str, side: int, border: int = 0) -> Float64[np.ndarray, "n n 3"]:
-    """Returns the directions [n, n, 3] of a face's pixels, and of so many beyond its edges."""
+    """Returns the directions [n, n, 3] of a face's pixels, and of a border beyond its edges."""
     line = (np.arange(-border, side + border) + 0.5) * (2 / side) - 1
     across, down, ahead = np.array(_FACE_AXES[name], float)
     return line[None, :, None] * across + line[:, None, None] * down + ahead

@@ -39,7 +39,7 @@ class DrawnMotion:
     def of_canvas(
         cls, tx_px: Float[np.ndarray, "canvas"], rz_rad: Float[np.ndarray, "canvas"], rows: int, parameters: dict
     ) -> DrawnMotion:
-        """Creates both motions, zero on the first row of a crop of so many rows."""
+        """Creates both motions, zero on the first row of a crop with this number of rows."""
         canvas = len(tx_px)
         margin = _margin(rows, canvas)
         tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]

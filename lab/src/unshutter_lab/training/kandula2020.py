@@ -260,7 +260,7 @@ class Exported(nn.Module):
 
 
 class Shown(nn.Module):
-    """Shows a network without row block smaller pictures than it is given, one at a time, and enlarges its answer.
+    """Runs a network without row block on reduced pictures, one at a time, and enlarges its answer.
 
     Its operations are among those of OpenCV's dnn module from 4.11 on: no batch of two, no reversed slices.
     """

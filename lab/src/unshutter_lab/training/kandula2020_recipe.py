@@ -75,7 +75,7 @@ class KandulaRecipe(PixelRecipe):
         return torch.cat([rectified_so_far(rs[:count], motion), rs[count:]]), torch.cat([rest, truth[count:]])
 
     def positions(self, network: nn.Module, samples: Samples) -> Iterator[tuple[Tensor, Tensor]]:
-        """Yields those of the whole system, then those of its motion with the exact inverse."""
+        """Yields the positions of the whole system, then those of its motion with the exact inverse."""
         motion, row_map = network(samples.rs, rows=not self.weights.regress_only)
         yield rs_positions(motion, row_map)
         motion0, shift = from_first_row(motion)

@@ -120,7 +120,7 @@ class Recipe(ABC):
 
 
 class PixelRecipe(Recipe):
-    """A network that reads pictures [B, 3, r, r], is exported as ONNX, and is judged by where it samples them."""
+    """A network that reads pictures [B, 3, r, r], is exported as ONNX, and is judged by its sampling positions."""
 
     model_file = "model.onnx"
     more_figures: tuple[str, ...] = ()  # names of the median EPE of all ``positions`` but the first

@@ -167,7 +167,7 @@ class RengarajanRecipe(PixelRecipe):
         return motion_mse(tx, rz, true_tx[:, rows], true_rz[:, rows]), {}
 
     def positions(self, network: nn.Module, samples: Samples) -> Iterator[tuple[Tensor, Tensor]]:
-        """Yields those of the exact inverse."""
+        """Yields the positions of the exact inverse."""
         motion, shift = from_first_row(quadratic(network(samples.rs)))
         yield rs_positions(motion, None, shift)
 
