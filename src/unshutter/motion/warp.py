@@ -42,6 +42,7 @@ class Straightened(NamedTuple):
     # is zero
     pixels: UInt[np.ndarray, "new_height new_width *bands"]
     edges: Edges  # ``keep``, ``crop`` or ``fill``: the result of ``auto``, if that was chosen
+    window: Tile  # the part of the photo's frame that they show
     area_left: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
 
 
@@ -77,12 +78,13 @@ def straighten(
     _check_size(pixels, motion)
     height, width = pixels.shape[:2]
     if motion.is_zero and upright is None:
-        return Straightened(pixels, policy.without_motion((height, width)).edges)
+        decision = policy.without_motion((height, width))
+        return Straightened(pixels, decision.edges, decision.window)
     grid = SamplingGrid.of(gs_to_rs_map(motion, upright), height, width)
     decision = _decision(grid, policy)
     black_beyond = EdgePolicy(decision.edges).black_beyond
     warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
-    return Straightened(warped, decision.edges, decision.area_left)
+    return Straightened(warped, *decision)
 
 
 def edge_decision(motion: Motion, edges: Edges, upright: Pose | None = None) -> EdgeDecision:

@@ -20,6 +20,7 @@ from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
 from unshutter.orientation import Orientation, ScanDirection
 from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF
+from unshutter.photo.regions import is_panorama
 
 _LENS_MODEL = 0xA434
 _APPLE_VECTOR = 0x0008
@@ -86,7 +87,6 @@ def _in_picture(
 # ---- XMP -----------------------------------------------------------------------------------------------
 
 _NUMBER = rb"""\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
-_PANORAMA = rb"""GPano:ProjectionType\s*(?:=\s*["']|>)\s*(?:equirectangular|cylindrical)"""
 # Properties for roll and pitch of the stored picture; None: Pix4D's pitch, which is zero straight down
 _XMP: tuple[tuple[str, bytes, bytes | None], ...] = (
     ("gimbal (DJI)", rb"drone-dji:GimbalRollDegree", rb"drone-dji:GimbalPitchDegree"),
@@ -102,7 +102,7 @@ def attitude_of_xmp(packet: bytes) -> Attitude | None:
     for source, roll, pitch in _XMP:
         found = (re.search(name + _NUMBER, packet) for name in (roll, pitch or rb"\bCamera:Pitch"))
         angles = tuple(float(each[1]) for each in found if each)
-        if len(angles) == 2 and not (source == "GPano" and re.search(_PANORAMA, packet)):
+        if len(angles) == 2 and not (source == "GPano" and is_panorama(packet)):
             return _from_straight_down(*angles, source) if pitch is None else _of_gimbal(*angles, source)
     return None
 

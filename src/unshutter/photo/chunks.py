@@ -233,7 +233,7 @@ def resources_of_tiff(tree: Tree) -> bytes | None:
     """Returns the resources of a TIFF's first page in the form used in JPEG; None if it has none."""
     blocks = tree.data(RESOURCES_TAG) or b""
     iptc = tree.data(IPTC_TAG)
-    if iptc and not any(kind == _IPTC for kind, _, _ in _blocks(blocks)):
+    if iptc and not any(kind == _IPTC for kind, _, _ in resource_blocks(blocks)):
         blocks = _iptc_block(iptc) + blocks
     return RESOURCES_PREFIX + blocks if blocks else None
 
@@ -251,7 +251,7 @@ def resource_tags(resources: bytes | None) -> dict[int, Entry]:
     """Returns the TIFF tags for resources; empty without resources."""
     blocks = (resources or b"").removeprefix(RESOURCES_PREFIX)
     tags = {RESOURCES_TAG: Entry(7, len(blocks), blocks)} if blocks else {}
-    iptc = next((data for kind, data, _ in _blocks(blocks) if kind == _IPTC), None)
+    iptc = next((data for kind, data, _ in resource_blocks(blocks) if kind == _IPTC), None)
     return tags | ({IPTC_TAG: Entry(7, len(iptc), iptc)} if iptc else {})
 
 
@@ -264,7 +264,7 @@ def split_resources(resources: bytes | None) -> list[bytes]:
 
 def has_iptc(resources: bytes) -> bool:
     """Whether the resources contain IPTC."""
-    return any(kind == _IPTC for kind, _, _ in _blocks(resources.removeprefix(RESOURCES_PREFIX)))
+    return any(kind == _IPTC for kind, _, _ in resource_blocks(resources.removeprefix(RESOURCES_PREFIX)))
 
 
 def without_thumbnails(resources: bytes) -> bytes:
@@ -273,13 +273,13 @@ def without_thumbnails(resources: bytes) -> bytes:
     blocks = resources.removeprefix(prefix)
     kept = []
     end = 0
-    for kind, _, block in _blocks(blocks):
+    for kind, _, block in resource_blocks(blocks):
         end += len(block)
         kept += [] if kind in _THUMBNAILS else [block]
     return prefix + b"".join(kept) + blocks[end:]
 
 
-def _blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+def resource_blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:
     """Yields (kind, content, whole block) of each resource, as far as they can be read."""
     at = 0
     while blocks[at : at + 4] == b"8BIM" and len(blocks) >= at + 12:

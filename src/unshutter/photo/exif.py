@@ -18,6 +18,8 @@ from typing import BinaryIO
 from unshutter.orientation import Orientation
 from unshutter.photo import directories as tiff
 from unshutter.photo import maker_notes
+from unshutter.photo.placement import Placement
+from unshutter.photo.regions import moved_subject
 
 # Tags in a TIFF's first directory that describe the photo rather than the storage of its pixels: names of document and
 # page, position on the page, page number, description, make, model, software, date, artist, computer, white point and
@@ -39,6 +41,7 @@ _ORIENTATION = 0x0112
 _PIXEL_WIDTH = 0xA002
 _PIXEL_HEIGHT = 0xA003
 _FOCAL_35MM = 0xA405
+_SUBJECT_PLACES = (0x9214, 0xA214)  # SubjectArea, SubjectLocation [px]
 SOFTWARE = 0x0131
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF is limited to 65,527
@@ -251,12 +254,31 @@ def with_size(blob: bytes, height: int, width: int) -> bytes:
     editor = _Editor(blob)
     for entries, tags in (
         (editor.first, (_IMAGE_WIDTH, _IMAGE_HEIGHT)),
-        (editor.below(editor.first, tiff.EXIF), (_PIXEL_WIDTH, _PIXEL_HEIGHT)),
+        (editor.directory(editor.at_pointer(editor.first, tiff.EXIF)), (_PIXEL_WIDTH, _PIXEL_HEIGHT)),
     ):
         for tag, size in zip(tags, (width, height), strict=True):
             if tag in entries:
                 editor.put(entries[tag], size)
     return bytes(editor.data)
+
+
+def with_subject_moved(blob: bytes, placement: Placement) -> tuple[bytes, list[str]]:
+    """Moves the subject's place in the picture; removes and names it if that is impossible."""
+    editor = _Editor(blob)
+    details_at = editor.at_pointer(editor.first, tiff.EXIF)
+    details = editor.directory(details_at)
+    stated = [editor.numbers(details[tag]) for tag in (_PIXEL_HEIGHT, _PIXEL_WIDTH) if tag in details]
+    known = placement.framed(*(side[0] for side in stated)) if len(stated) == 2 and all(stated) else placement
+    removed = []
+    for at, entries in ((editor.first_at, editor.first), (details_at, details)):
+        for slot in sorted((entries[tag] for tag in _SUBJECT_PLACES if tag in entries), reverse=True):
+            new = known and moved_subject([float(number) for number in editor.numbers(slot)], known)
+            if new is None or max(new) > 0xFFFF:
+                editor.remove(at, slot)
+                removed.append("subject area")
+            else:
+                editor.put_numbers(slot, new)
+    return bytes(editor.data), removed
 
 
 def with_orientation(blob: bytes | None, orientation: int) -> bytes | None:
@@ -302,9 +324,9 @@ class _Editor:
         self.start = len(tiff.EXIF_PREFIX) if blob.startswith(tiff.EXIF_PREFIX) else 0
         self.order = tiff.BYTE_ORDERS.get(blob[self.start : self.start + 4], "")
         self.first: dict[int, tiff.Slot] = {}
-        self.link_at = self.second_at = 0
+        self.first_at = self.link_at = self.second_at = 0
         if self.order and len(blob) >= self.start + 8:
-            first_at = self._place(self.start + 4)
+            self.first_at = first_at = self._place(self.start + 4)
             listed = self.slots_at(first_at)
             self.first = self._by_tag(listed)
             link_at = first_at + 2 + 12 * len(listed)
@@ -330,8 +352,38 @@ class _Editor:
     def _by_tag(listed: list[tiff.Slot]) -> dict[int, tiff.Slot]:
         return {slot.tag: slot for slot in reversed(listed)}
 
-    def below(self, entries: dict[int, tiff.Slot], tag: int) -> dict[int, tiff.Slot]:
-        return self._by_tag(self.slots_at(self._place(entries[tag].value_at))) if tag in entries else {}
+    def at_pointer(self, entries: dict[int, tiff.Slot], tag: int) -> int:
+        """Returns the position of a sub-directory; 0 without one."""
+        return self._place(entries[tag].value_at) if tag in entries else 0
+
+    def directory(self, at: int) -> dict[int, tiff.Slot]:
+        """Returns the entries of the directory at a position by tag."""
+        return self._by_tag(self.slots_at(at))
+
+    def _values(self, slot: tiff.Slot) -> tuple[str, int]:
+        """Returns the form of an entry's SHORT or LONG values and their position; nothing for others."""
+        form = f"{self.order}{slot.count}{'H' if slot.kind == 3 else 'I'}"
+        if slot.kind not in (3, 4) or not 0 < slot.count <= 4:
+            return "", 0
+        at = slot.value_at if struct.calcsize(form) <= 4 else self._place(slot.value_at)
+        return (form, at) if 0 < at <= len(self.data) - struct.calcsize(form) else ("", 0)
+
+    def numbers(self, slot: tiff.Slot) -> tuple[int, ...]:
+        """Returns the up to four numbers of an entry; empty for others."""
+        form, at = self._values(slot)
+        return struct.unpack_from(form, self.data, at) if form else ()
+
+    def put_numbers(self, slot: tiff.Slot, numbers: list[int]) -> None:
+        """Replaces the numbers of an entry, as many as there are."""
+        form, at = self._values(slot)
+        struct.pack_into(form, self.data, at, *numbers)
+
+    def remove(self, directory_at: int, slot: tiff.Slot) -> None:
+        """Removes an entry from the directory at a position; nothing else moves."""
+        (count,) = struct.unpack_from(self.order + "H", self.data, directory_at)
+        end = directory_at + 2 + _ENTRY_BYTES * count + 4
+        self.data[slot.at : end] = self.data[slot.at + _ENTRY_BYTES : end] + bytes(_ENTRY_BYTES)
+        struct.pack_into(self.order + "H", self.data, directory_at, count - 1)
 
     def put(self, slot: tiff.Slot, value: int) -> None:
         number = tiff.encoded_number(self.order, slot.tag, 3 if value < 1 << 16 else 4, value)

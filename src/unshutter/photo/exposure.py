@@ -25,6 +25,7 @@ _COMPOSITE = 0xA460
 _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
 # HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a maker-specific process, is Google's HDR
 _MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
+_PANORAMA = 6
 _MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while shooting
 _APPLE_HDR = 0x000A
 _IS_HDR = 3
@@ -77,6 +78,11 @@ def bends_lines(blob: bytes | None) -> bool:
     mm = tree.number(_FOCAL_35MM, EXIF) or 0
     by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < _LINEAR_MM
     return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < _WIDEST_STRAIGHT_MM
+
+
+def is_panorama(blob: bytes | None) -> bool:
+    """Whether EXIF calls the photo a panorama, as phones by Apple do."""
+    return exif.read(blob).number(_CUSTOM_RENDERED, EXIF) == _PANORAMA
 
 
 def is_merged(blob: bytes | None) -> bool:

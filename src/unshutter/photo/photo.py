@@ -14,12 +14,13 @@ from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard, cast
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, Save
 from unshutter.orientation import Orientation
-from unshutter.photo import attitude, decoder, exif, exposure, readout_times, saving
+from unshutter.photo import attitude, decoder, exif, exposure, readout_times, regions, saving
 from unshutter.photo.attitude import Attitude
 from unshutter.photo.decoder import Decoder, grey_copy, grey_size, read_header
 from unshutter.photo.embedded_video import EmbeddedVideo, embedded_video
 from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source, as_image, with_bands
+from unshutter.photo.placement import Placement
 from unshutter.photo.saving import FileOutput
 from unshutter.readout_time import ReadoutTime
 from unshutter.storage.files import Times
@@ -135,15 +136,21 @@ class Photo(FileOutput):
             metadata = Metadata(exif=exif.of_software(software))
         return cls("array", height, width, bands, 1, None, None, Coding(), metadata, pixels)
 
-    def with_pixels(self, pixels: np.ndarray) -> Photo:
+    def with_pixels(self, pixels: np.ndarray, placement: Placement | None = None) -> Photo:
         """Returns a photo with new pixels, possibly of another size, and this one's metadata and format; not copied.
+
+        Args:
+            placement: where they show what this photo shows, so that places in the metadata (faces ...) are moved
+                along; by default, pixels of the same size show everything at the same place, and others lose places.
 
         Raises:
             UnshutterError: see :meth:`from_array`.
         """
         pixels = with_bands(pixels)
         height, width, bands = pixels.shape
-        metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
+        if placement is None and (height, width) != (self.height, self.width):
+            placement = Placement((self.height, self.width), (height, width))
+        metadata = self._metadata if placement is None else self._metadata.moved(placement)
         return replace(
             self, height=height, width=width, bands=bands, _new_pixels=pixels, _decoder=None, _metadata=metadata
         )
@@ -316,6 +323,10 @@ class Photo(FileOutput):
     def is_merged(self) -> bool:
         """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
         return exposure.is_merged(self._metadata.exif)
+
+    def is_panorama(self) -> bool:
+        """Whether the metadata call the photo a panorama, whose rows were not read out one after another."""
+        return exposure.is_panorama(self._metadata.exif) or regions.is_panorama(self._metadata.xmp)
 
     def readout_time(self) -> ReadoutTime:
         """Returns the likely readout time for the kind of camera named in EXIF, and the shutter that it states."""

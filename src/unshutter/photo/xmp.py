@@ -31,6 +31,20 @@ NAMESPACES = {
     "Item": "http://ns.google.com/photos/1.0/container/item/",
     "GDepth": "http://ns.google.com/photos/1.0/depthmap/",
     "GImage": "http://ns.google.com/photos/1.0/image/",
+    "GPano": "http://ns.google.com/photos/1.0/panorama/",
+    "GFocus": "http://ns.google.com/photos/1.0/focus/",
+    "crs": "http://ns.adobe.com/camera-raw-settings/1.0/",
+    "drone-dji": "http://www.dji.com/drone-dji/1.0/",
+    "mwg-rs": "http://www.metadataworkinggroup.com/schemas/regions/",
+    "stDim": "http://ns.adobe.com/xap/1.0/sType/Dimensions#",
+    "stArea": "http://ns.adobe.com/xmp/sType/Area#",
+    "MP": "http://ns.microsoft.com/photo/1.2/",
+    "MPRI": "http://ns.microsoft.com/photo/1.2/t/RegionInfo#",
+    "MPReg": "http://ns.microsoft.com/photo/1.2/t/Region#",
+    "acdsee-rs": "http://ns.acdsee.com/regions/",
+    "acdsee-stDim": "http://ns.acdsee.com/sType/Dimensions#",
+    "acdsee-stArea": "http://ns.acdsee.com/sType/Area#",
+    "Iptc4xmpExt": "http://iptc.org/std/Iptc4xmpExt/2008-02-29/",
 }
 _PREFIX_OF = {uri: prefix for prefix, uri in reversed(NAMESPACES.items())}
 _MOST_ELEMENTS = 100_000
@@ -88,10 +102,18 @@ class Packet:
         """Removes an element with its content, or an attribute."""
         self._changes.append((thing.at, thing.end, b""))
 
+    def text(self, thing: Element | Attribute) -> str:
+        """Returns the text of an element or the value of an attribute."""
+        at, end = _text_extent(thing)
+        return self.data[at:end].decode(errors="replace")
+
+    def set_text(self, thing: Element | Attribute, text: str) -> None:
+        """Sets the text of an element or the value of an attribute."""
+        self._changes.append((*_text_extent(thing), text.encode()))
+
     def set_number(self, thing: Element | Attribute, value: int) -> None:
         """Sets the text of an element or the value of an attribute, if it is an integer now."""
-        is_element = isinstance(thing, Element)
-        at, end = (thing.content_at, thing.content_end) if is_element else (thing.value_at, thing.value_end)
+        at, end = _text_extent(thing)
         old = self.data[at:end]
         if old.strip().isdigit():
             at += len(old) - len(old.lstrip())
@@ -106,6 +128,11 @@ class Packet:
                 pieces += [self.data[done:at], new]
                 done = end
         return b"".join([*pieces, self.data[done:]])
+
+
+def _text_extent(thing: Element | Attribute) -> tuple[int, int]:
+    is_element = isinstance(thing, Element)
+    return (thing.content_at, thing.content_end) if is_element else (thing.value_at, thing.value_end)
 
 
 class _Reader:

@@ -8,7 +8,7 @@ from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.options import Find
 from unshutter.photo import Photo
 from unshutter.photo.photo import check_size
-from unshutter.reasons import MOST_STATED
+from unshutter.reasons import MOST_STATED, Code, Reason
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.methods import DoNothing, find_candidates
 from unshutter.single.prospects import MOST_IN_FOLDER
@@ -39,6 +39,8 @@ def find(photo: Photo, how: Find, estimator: Estimator | None = None, pixels: bo
 
 
 def _list_candidates(view: View, estimator: Estimator, how: Find) -> tuple[Candidate, ...]:
+    if view.photo.is_panorama():
+        return list_single(view.no_motion(how.estimator, Reason(Code.PANORAMA)), view.photo.orientation)
     by_video = None
     if not how.no_film and not isinstance(estimator, DoNothing) and view.photo.embedded_video() is not None:
         from unshutter.frames.motion_photo import motion_by_embedded_video  # not at the top: few photos have a video

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,10 +16,12 @@ from unshutter.motion.verdict import Verdict
 from unshutter.options import LEAST_GOOD_CROP, Edges, PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.options.picture_formats import of_suffix
+from unshutter.orientation import Orientation
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS, of_target
 from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
+from unshutter.photo.placement import Placement
 from unshutter.photo.saving import Encoded, check_result, write_photo
 from unshutter.storage.files import write_file, written_whole
 from unshutter.storage.targets import Target, TargetKind, Written
@@ -26,6 +29,8 @@ from unshutter.storage.targets import Target, TargetKind, Written
 if TYPE_CHECKING:
     import numpy as np
     from PIL.Image import Image
+
+    from unshutter.motion.grid import Tile
 
 
 @dataclass(frozen=True, repr=False)
@@ -185,7 +190,29 @@ def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
     from unshutter.motion.warp import straighten
 
     result = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
-    return Rectified(photo.with_pixels(result.pixels), photo, verdict, result.edges, result.area_left)
+    rectified = photo.with_pixels(result.pixels, placement(photo, verdict, result.window))
+    return Rectified(rectified, photo, verdict, result.edges, result.area_left)
+
+
+def placement(photo: Photo, verdict: Verdict, window: Tile) -> Placement:
+    """Returns where the picture in a window of the photo's frame shows what the photo shows."""
+    import numpy as np
+
+    from unshutter.motion.grid import rs_to_gs_map
+
+    to_picture = rs_to_gs_map(verdict.motion, verdict.upright)
+    new_size = window.bottom - window.top, window.right - window.left
+
+    def position(across: Sequence[float], down: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+        with np.errstate(all="ignore"):
+            col, row = to_picture(np.array(across) * photo.width - 0.5, np.array(down) * photo.height - 0.5)
+        return (
+            ((col + 0.5 - window.left) / new_size[1]).tolist(),
+            ((row + 0.5 - window.top) / new_size[0]).tolist(),
+        )
+
+    corner = window.top, window.left
+    return Placement((photo.height, photo.width), new_size, position, corner, Orientation(photo.orientation))
 
 
 def write(

@@ -22,17 +22,19 @@ from unshutter.frames.usual_ratio import FEW, usual_ratio
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.edges import EdgePolicy, valid_window
 from unshutter.motion.finding import Finding
+from unshutter.motion.grid import Tile
 from unshutter.motion.verdict import Verdict, judge
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Reference, Undo, model_for
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
 from unshutter.photo.photo import PhotoLike, files_behind, open_photo
+from unshutter.photo.placement import Placement
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Cause, MotionSource
 from unshutter.rectification.borrowing import borrow
 from unshutter.rectification.find import find
-from unshutter.rectification.rectified import Rectified, Result, render
+from unshutter.rectification.rectified import Rectified, Result, placement, render
 from unshutter.storage.opened import Opened
 
 Model = Literal["camera", "dense", "alone"]
@@ -163,9 +165,13 @@ def _framed(
     inside = slice(window.top, window.bottom), slice(window.left, window.right)
     if asked == "auto" and edges == "crop" and not own[inside].all():
         edges = "borrow"
+    whole_frame = Tile(0, photo.height, 0, photo.width)
     if not options.uncropped:
         pixels = np.ascontiguousarray(pixels[inside])
-    return RectifiedFrame(photo.with_pixels(pixels), photo, verdict, edges, whole, valid=valid, model=model)
+        whole_frame = window
+    size = photo.height, photo.width
+    shown = Placement(size, pixels.shape[:2]) if model == "dense" else placement(photo, verdict, whole_frame)
+    return RectifiedFrame(photo.with_pixels(pixels, shown), photo, verdict, edges, whole, valid=valid, model=model)
 
 
 # ---- a sequence, and one photo with its neighbours -----------------------------------------------------------------

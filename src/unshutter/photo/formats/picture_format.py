@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, BinaryIO, ClassVar, NamedTuple
 from unshutter.errors import UnshutterError
 from unshutter.options.picture_formats import FormatRow
 from unshutter.orientation import Orientation
-from unshutter.photo import chunks, exif
+from unshutter.photo import chunks, exif, regions
+from unshutter.photo import resources as image_resources
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import AppendedVideo
 from unshutter.photo.libvips import Source, computed, field, libvips, refusing, set_blob
+from unshutter.photo.placement import Placement
 
 if TYPE_CHECKING:
     import numpy as np
@@ -59,12 +61,26 @@ class Metadata:
     video: AppendedVideo | None = None  # of a motion photo, with all other data that follow the picture in its JPEG
     left_behind: tuple[str, ...] = ()  # names of metadata that the reader saw in the file but no writer can copy
 
-    def resized(self) -> Metadata:
-        """Returns the metadata for a picture of another size, without data that tie pixels to geographic positions."""
-        blob = exif.without_geotiff(self.exif)
-        if blob is self.exif:
-            return self
-        return replace(self, exif=blob, left_behind=(*self.left_behind, "GeoTIFF (the picture is cropped)"))
+    def moved(self, placement: Placement) -> Metadata:
+        """Returns the metadata for a picture that shows everything at other places.
+
+        Places in the picture are moved, or removed and named, like those that tie pixels of another size to the earth.
+        """
+        blob, packet, resources = self.exif, self.xmp, self.resources
+        removed = list(self.left_behind)
+        if placement.size != placement.new_size and (without := exif.without_geotiff(blob)) is not blob:
+            blob = without
+            removed.append("GeoTIFF (the picture is cropped)")
+        if blob is not None:
+            blob, names = exif.with_subject_moved(blob, placement)
+            removed += names
+        if packet is not None:
+            packet, names = regions.moved(packet, placement)
+            removed += names
+        if resources is not None:
+            resources, names = image_resources.moved(resources, placement)
+            removed += names
+        return replace(self, exif=blob, xmp=packet, resources=resources, left_behind=tuple(dict.fromkeys(removed)))
 
     def without_exif_loop(self) -> Metadata:
         """Returns the metadata; EXIF whose directories contain a loop is rewritten, or left out if it cannot be."""
