@@ -149,8 +149,9 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
 
     counted(questions, "sample_frames")
     counted(gain, "gain_of_parts")
-    clip_jobs.measure_readout_time(stored, RectifyClip())
-    clip_jobs.after(stored, RectifyClip(), 2, 320)
+    usual = {"focal-px": str(clips.FOCAL)}  # half of a search is to find it
+    clip_jobs.measure_readout_time(stored, read_clip(usual))
+    clip_jobs.after(stored, read_clip(usual), 2, 320)
     judged = ["sample_frames", "gain_of_parts"]
     result, expected = tmp_path / "saved.mkv", tmp_path / "expected.mkv"
     for flags, again in (
@@ -161,9 +162,10 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
     ):
         asked.clear()
         result.unlink(missing_ok=True)
-        clip_jobs.rectified(stored, result, read_clip(flags), ProgressFile(tmp_path / "progress.json"))
+        clip_jobs.rectified(stored, result, read_clip(usual | flags), ProgressFile(tmp_path / "progress.json"))
         assert asked == again
-    assert main(["video", str(video), "-o", str(expected), "--strength", "0.5"]) == 0
+    words = ["video", str(video), "-o", str(expected), "--strength", "0.5", "--focal-px", str(clips.FOCAL)]
+    assert main(words) == 0
     assert result.read_bytes() == expected.read_bytes()
 
 

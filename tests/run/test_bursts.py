@@ -13,6 +13,7 @@ from support.drawn_photos import textured
 from support.hand_held import HEIGHT, WIDTH, camera, hand, still
 from support.tagged_files import EXIF
 from unshutter import Motion, Photo
+from unshutter.options import Camera
 from unshutter.run import bursts
 from unshutter_lab.evaluation.metrics import motion_error
 
@@ -96,32 +97,32 @@ def test_a_video_tells_more_than_a_burst(moving, tmp_path, monkeypatch):
     assert bursts._Taken.of(photo, 10**9, photo.parent) is None
 
 
-def test_two_photos_must_be_closer(moving, tmp_path):
-    done = records(write(tmp_path / "in", moving[1][:2], interval_s=0.2), tmp_path)
-    assert not any("burst" in record for record in done)
-
-
 BRACKET = [IFDRational(1, n) for n in (200, 100, 50, 400)]
 FOCAL = [IFDRational(n, 10) for n in (42, 60, 42, 60)]
 DISTANCE = [IFDRational(n, 10) for n in (5, 6, 7, 8)]
 
 
 @pytest.mark.parametrize(
-    "how",
+    ("count", "how", "found"),
     [
-        {"subseconds": 0},
-        {"interval_s": 0.3},
-        {"interval_s": 0.0},
-        {"t829a": BRACKET},
-        {"ta402": 4 * [2]},
-        {"t920a": FOCAL},
-        {"t9206": DISTANCE},
-        {"cameras": {0x010F: "Canon", 0x0110: "Canon EOS 5D"}},
+        (4, {}, 4),
+        (2, {}, 2),
+        (2, {"interval_s": 0.2}, 0),  # two must be closer together than three
+        (3, {"interval_s": 0.2}, 3),
+        (4, {"subseconds": 0}, 0),
+        (4, {"interval_s": 0.3}, 0),
+        (4, {"interval_s": 0.0}, 0),
+        (4, {"t829a": BRACKET}, 0),
+        (4, {"ta402": 4 * [2]}, 0),
+        (4, {"t920a": FOCAL}, 0),
+        (4, {"t9206": DISTANCE}, 0),
+        (4, {"cameras": {0x010F: "Canon", 0x0110: "Canon EOS 5D"}}, 0),
     ],
 )
-def test_what_is_no_burst_is_judged_alone(moving, tmp_path, how):
-    done = records(write(tmp_path / "in", moving[1], **how), tmp_path)
-    assert len(done) == 4 and not any("burst" in record for record in done)
+def test_times_settings_and_the_camera_make_a_burst(moving, tmp_path, count, how, found):
+    photos = sorted(write(tmp_path / "in", moving[1][:count], **how).iterdir())
+    camera = Camera(focal_px=moving[0].focal_px)
+    assert len(bursts.bursts_among(photos, photos, camera, 10**9)) == found
 
 
 def test_each_alone_and_a_known_readout_time(moving, tmp_path):

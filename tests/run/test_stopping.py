@@ -23,7 +23,7 @@ MANIFEST = "unshutter-manifest.jsonl"
 
 @pytest.fixture(scope="module")
 def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    noise = np.random.default_rng(0).integers(0, 255, (3000, 4000, 3), np.uint8)
+    noise = np.random.default_rng(0).integers(0, 255, (2100, 2800, 3), np.uint8)
     path = tmp_path_factory.mktemp("noise") / "large.png"
     Photo.from_array(noise).save(path)
     return path
