@@ -149,11 +149,13 @@ def test_a_log_shorter_than_the_clip_is_left_alone(tmp_path, straighten, shaken)
     assert record["gyro"]["declined"]["code"] == "gyro-too-short"
 
 
-def test_the_logs_own_readout_time_is_taken(tmp_path, straighten, shaken):
+def test_the_logs_own_readout_time_is_taken_and_one_late_time_does_not_stretch_the_search(tmp_path, straighten, shaken):
     camera, clip, _ = shaken
     log = write_gcsv(tmp_path / "told.gcsv", drawn_log(camera, SHIFT), readout_ms=19.0)
+    log.write_text(log.read_text() + "1e13,0,0,0,0,1000,0\n")  # of 1e-6 s: 116 days later
     _, record, _ = straighten(clip, "--gyro", log)
     assert record["readout_ms"] == pytest.approx(19.0) and record["found_by"] == "gyro log"
+    assert record["gyro"]["used"] and abs(record["gyro"]["offset_s"] - SHIFT) < 0.02
 
 
 def test_a_file_that_is_no_log_is_refused_before_anything_is_written(tmp_path, capsys, shaken):
@@ -162,11 +164,3 @@ def test_a_file_that_is_no_log_is_refused_before_anything_is_written(tmp_path, c
     wrong.write_text("hello")
     refused(capsys, [clip, "-o", tmp_path / "out.mkv", "--gyro", wrong], 1, "cannot read a gyro log from it")
     assert not (tmp_path / "out.mkv").exists()
-
-
-def test_one_late_time_in_a_log_does_not_stretch_the_search(tmp_path, straighten, shaken):
-    _, clip, log = shaken
-    stray = tmp_path / "stray.gcsv"
-    stray.write_text(log.read_text() + "1e13,0,0,0,0,1000,0\n")  # of 1e-6 s: 116 days later
-    _, record, _ = straighten(clip, "--gyro", stray)
-    assert record["gyro"]["used"] and abs(record["gyro"]["offset_s"] - SHIFT) < 0.02

@@ -102,33 +102,32 @@ def test_a_strength_other_than_asked_of_the_clip_is_obeyed(run, strength):
     assert not [each for each in record["declined"] if each["code"] in (Code.NO_GAIN, Code.NO_VISIBLE_DISTORTION)]
 
 
-@pytest.mark.parametrize(("kind", "examined"), [("distorted", 3 * 16), ("global shutter", 60)])
-def test_a_few_dozen_pairs_tell_and_all_are_asked_before_a_clip_is_left(tmp_path, monkeypatch, kind, examined):
-    _shorten_runs(monkeypatch)
-    told: list[Gain] = []
-    measure = gain.gain_of_parts
-    monkeypatch.setattr(gain, "gain_of_parts", lambda *given: told.append(measure(*given)) or told[-1])
-    camera, greys = clips.moving(60)
-    greys = greys if kind == "distorted" else clips.truth(camera)
-    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys, "ffv1")))
-    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)))
-    decision = calibrate_and_decide(request)[2]
-    assert abs(told[-1].frames - examined) <= 4
-    before, after = np.median(told[-1].wobble_px, axis=0)
-    middle, error = told[-1].gain
-    if kind == "distorted":
-        assert isinstance(decision, RectifyFrames) and after < before / 2 and middle > 10 * error
-    else:
-        assert isinstance(decision, Leave) and after > before and middle < 0
-
-
-def _shorten_runs(monkeypatch):
-    """Three runs of 16 frames are examined, or all frames if these are no more."""
+@pytest.fixture
+def told(monkeypatch):
+    """The gains that are measured, with three runs of 16 frames, or all frames if these are no more."""
     monkeypatch.setattr(gain, "RUN", 16)
     monkeypatch.setattr(gain, "ALL", 3 * 16)
     short = replace(questions.GAIN, frames=(16,) * 3, all_of=3 * 16)
     asked = tuple(short if each is questions.GAIN else each for each in questions.QUESTIONS)
     monkeypatch.setattr(questions, "QUESTIONS", asked)
+    told: list[Gain] = []
+    measure = gain.gain_of_parts
+    monkeypatch.setattr(gain, "gain_of_parts", lambda *given: told.append(measure(*given)) or told[-1])
+    return told
+
+
+def decided(folder, greys, *observer):
+    clip = read_clip_facts(str(clips.write(folder / "in.mkv", greys, "ffv1")))
+    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)), *observer)
+    return calibrate_and_decide(request)[2]
+
+
+def test_a_few_dozen_pairs_tell(tmp_path, told):
+    decision = decided(tmp_path, clips.moving(60)[1])
+    before, after = np.median(told[-1].wobble_px, axis=0)
+    middle, error = told[-1].gain
+    assert isinstance(decision, RectifyFrames) and abs(told[-1].frames - 3 * 16) <= 4
+    assert after < before / 2 and middle > 10 * error
 
 
 class _Shares(ClipObserver):
@@ -139,9 +138,9 @@ class _Shares(ClipObserver):
         self.noted.append(share)
 
 
-def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, monkeypatch):
-    _shorten_runs(monkeypatch)
-    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", clips.truth(clips.moving(60)[0]), "ffv1")))
+def test_all_are_asked_before_a_clip_is_left_which_has_its_part_of_the_whole_from_the_start(
+    tmp_path, monkeypatch, told
+):
     expected: list[dict[Stage, int]] = []
     done: list[Stage] = []
     expect = Work.expect
@@ -149,9 +148,10 @@ def test_asking_all_frames_has_its_part_of_the_whole_from_the_start(tmp_path, mo
     monkeypatch.setattr(Work, "expect", lambda work, items: expected.append(items) or expect(work, items))
     monkeypatch.setattr(Work, "advance", lambda work, stage, items=1: done.append(stage) or advance(work, stage, items))
     shares = _Shares()
-    request = ClipRequest.of(clip, RectifyClip(Shutter(camera="nemo", focal_px=clips.FOCAL)), shares)
-    decision = calibrate_and_decide(request)[2]
-    assert isinstance(decision, Leave) and decision.frames == 60
+    decision = decided(tmp_path, clips.truth(clips.moving(60)[0]), shares)
+    before, after = np.median(told[-1].wobble_px, axis=0)
+    assert isinstance(decision, Leave) and decision.frames == 60 and abs(told[-1].frames - 60) <= 4
+    assert after > before and told[-1].gain[0] < 0
     assert expected[0][Stage.SURVEY_ALL] == 15 and expected[0][Stage.JUDGE_ALL] == 15 * gain.SOLVED
     again = next(items for items in expected[1:] if items.get(Stage.SURVEY_ALL))
     assert again[Stage.SURVEY_ALL] == 60 and again[Stage.JUDGE_ALL] == 60 * gain.SOLVED
