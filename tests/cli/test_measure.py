@@ -26,40 +26,31 @@ def folder(tmp_path_factory):
     return place
 
 
-def test_words_and_json_say_the_same(folder, capsys):
+def test_words_and_json_say_the_same_and_clips_of_one_camera_are_measured_together(folder, capsys):
     assert main(["measure", str(folder / "a.mkv")]) == 0
     words = capsys.readouterr().out
     assert words.startswith(f"{folder / 'a.mkv'} (192x144 px, 30.00 frames/s): ")
-    assert main(["measure", "--json", str(folder / "a.mkv")]) == 0
-    (record,) = json.loads(capsys.readouterr().out)
+    names = [str(folder / "a.mkv"), str(folder / "b.mkv")]
+    assert main(["measure", "--json", "--one-camera", *names]) == 0
+    record, second, both = json.loads(capsys.readouterr().out)
     assert record["readout_ratio"] == pytest.approx(0.6, rel=0.1)
     assert record["readout_ms"] == pytest.approx(1000 * record["readout_ratio"] / record["fps"], rel=0.01)
     assert (record["direction"], record["found_by"]) == ("top-to-bottom", "regression")
     assert record["frames_show_surely"] is True
     assert f"readout time {record['readout_ms']:.1f} +- " in words and "from regression" in words
     assert record["wobble_px"] > 0.2 and f"{record['wobble_px']:.2f} px" in words
+    assert both["clips"] == names and both["pairs"] == record["pairs"] + second["pairs"]
+    assert both["readout_ratio"] == pytest.approx(0.6, rel=0.1)
 
 
-def test_a_clip_that_was_read_from_the_bottom_says_so(folder):
-    (found,) = unshutter.measure_clips([folder / "turned.mkv"])
+def test_a_clip_that_was_read_from_the_bottom_and_a_global_shutter_say_so(folder, capsys):
+    found, other = unshutter.measure_clips([folder / "turned.mkv", folder / "global.mkv"])
     assert found.direction == "bottom-to-top" and found.readout_time is not None
     assert found.readout_time.seconds / found.interval_s == pytest.approx(0.6, rel=0.1)
 
-
-def test_no_rolling_shutter_is_reported(folder, capsys):
+    assert other.is_global and other.readout_time is None and other.as_json()["rolling_shutter"] is False
     assert main(["measure", str(folder / "global.mkv")]) == 0
     assert "no rolling shutter: its frames show no rolling shutter" in capsys.readouterr().out
-    (found,) = unshutter.measure_clips([folder / "global.mkv"])
-    assert found.is_global and found.readout_time is None and found.as_json()["rolling_shutter"] is False
-
-
-def test_clips_of_one_camera_are_measured_together(folder, capsys):
-    names = [str(folder / "a.mkv"), str(folder / "b.mkv")]
-    assert main(["measure", "--json", "--one-camera", *names]) == 0
-    first, second, both = json.loads(capsys.readouterr().out)
-    assert both["clips"] == names and both["pairs"] == first["pairs"] + second["pairs"]
-    assert both["readout_ratio"] == pytest.approx(0.6, rel=0.1)
-    assert len(unshutter.measure_clips(names)) == 2
 
 
 def test_what_cannot_be_measured_ends_in_one_line(folder, tmp_path, capsys):

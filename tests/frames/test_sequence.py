@@ -93,7 +93,7 @@ def test_people_before_a_still_camera_do_not_bend_it():
 def test_a_steady_pan_is_undone_with_the_ratio_and_left_alone_without():
     moving, frames = clip(pan(), 0.8, frames=30)
     assert max(errors(frames, moving, readout_ratio=0.8, focal_px=FOCAL)) < 0.3
-    findings = list(estimate_frames(frames))
+    findings = list(estimate_frames(frames[:20]))
     assert all(found.motion.is_zero and "readout ratio cannot be found" in str(found.reason) for found in findings)
 
 
