@@ -50,6 +50,11 @@ def left_out(parts: Iterable[Part]) -> list[str]:
     return list(dict.fromkeys(str(part) for part in parts if part.fate is Fate.LEFT_OUT))
 
 
+def as_they_were(parts: Iterable[Part]) -> list[str]:
+    """Returns the names of the parts that are carried for a reason that is worth a line, with that reason."""
+    return list(dict.fromkeys(str(part) for part in parts if part.fate is Fate.CARRIED and part.reason))
+
+
 def describe(names: Iterable[str]) -> str:
     """Returns a line about parts that are left out; empty if there are none.
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from unshutter.cli.arguments import Command
 from unshutter.cli.pipes import Pipes
 from unshutter.errors import UsageError
+from unshutter.inventory import describe
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyClip
 from unshutter.options.fields import positional
@@ -166,7 +167,9 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if outcome.gyro is not None and (outcome.gyro.rotations is not None or outcome.gyro.reason != outcome.unfit):
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
-        yield f"unshutter: not kept, because it cannot be written into such a file: {', '.join(outcome.left_out)}"
+        yield f"unshutter: {describe(outcome.left_out)}"
+    if outcome.as_they_were:
+        yield f"unshutter: left unchanged: {', '.join(outcome.as_they_were)}"
     if outcome.gap_s is not None:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"

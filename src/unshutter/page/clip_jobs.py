@@ -146,6 +146,9 @@ def excerpt(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
         return file
 
 
+_SHOWN = ("frames", "rectified", "left_out", "as_they_were")  # of a run's record
+
+
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> JsonObject:
     """Writes a clip as `unshutter video` does, and returns a summary of the run as JSON."""
     progress.note_progress("frames", 0, 0)
@@ -153,7 +156,7 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
         decided = partial(_decided, open_file)
         record = rectify_clip_file(str(open_file.path), str(target), options, progress, decided).as_json()
     declined = [sentence(Reason.from_json(each)) for each in record["declined"]]
-    return {**{name: record[name] for name in ("frames", "rectified", "left_out")}, "declined": declined}
+    return {**{name: record[name] for name in _SHOWN}, "declined": declined}
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from unshutter.errors import UnshutterError
 from unshutter.export import check_plot
+from unshutter.inventory import Part
 from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.options.clip_options import RectifyClip
@@ -26,7 +27,7 @@ from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.decision import NO_FRAMES, Decision, Leave, RectifyFrames, calibrate_and_decide, why_unfit
-from unshutter.video.file import mp4, video_writer
+from unshutter.video.file import mp4_inventory, mp4_writer, video_writer
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import Encoder
@@ -99,7 +100,7 @@ def rectify_clip_file(
         dense=tally.dense,
         reasons=tally.reasons,
         cuts_s=tally.cuts_s,
-        left_out=written.left_out,
+        parts=written.parts,
         rotations=tally.rotations,
         gyro=camera.gyro,
         stabilisation=steady,
@@ -200,7 +201,9 @@ class _Written:
 
     tally: Tally
     is_written: bool = True  # whether there is a new video
-    left_out: list[str] = field(default_factory=list)  # streams of the clip that the new video cannot hold
+    parts: list[Part] = field(
+        default_factory=list
+    )  # what became of the parts of the clip's file; none if it was copied
 
 
 def _copy(rendering: Rendering, output: _Output, decision: Leave) -> _Written:
@@ -268,13 +271,16 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
         if not is_changed() and output.may_be_copy:
             shutil.copyfile(clip.path, part)
             return _Written(tally)
+        parts = writer.parts
         if output.into_copy and frames_file is not None:
+            corner = (0, 0) if warper.window is None else (warper.window.left, warper.window.top)
             with part.open("r+b") as out:
-                mp4.write_with_video(source.stream, source.video.id, frames_file, out)
+                mp4_writer.write_with_video(source.stream, source.video.id, frames_file, out, corner)
+                parts = [*parts, *mp4_inventory.audited(source.stream, out, source.video.id, source.other_films)]
         elif frames_file is not None:
             with part.open("r+b") as out:
-                mp4.write_with_covers(frames_file, writer.covers, out)
-    return _Written(tally, left_out=writer.left_out)
+                mp4_writer.write_with_covers(frames_file, writer.covers, out)
+    return _Written(tally, parts=parts)
 
 
 @contextmanager

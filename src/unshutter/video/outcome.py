@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.export import plot_rotation_rates
+from unshutter.inventory import Part, as_they_were, left_out
 from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
 from unshutter.orientation import ScanDirection
@@ -75,7 +76,7 @@ class ClipOutcome:
         dense: number of those rectified by the flow to their neighbours.
         reasons: why the others were left unchanged, with counts.
         cuts_s: times of scene changes [s].
-        left_out: streams of the input file that the new file cannot hold.
+        parts: what became of the parts of the clip's file; empty if it was copied.
         rotations: presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame.
         gyro: the clip's gyro log and the result of using it; None if it has none.
         stabilisation: the smoothed path; None if the camera's path was left unchanged.
@@ -99,7 +100,7 @@ class ClipOutcome:
     dense: int = 0
     reasons: Counter[Reason] = field(default_factory=Counter)
     cuts_s: list[float] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
+    parts: list[Part] = field(default_factory=list)
     rotations: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     gyro: ClipGyro | None = None
     stabilisation: Stabilisation | None = None
@@ -109,6 +110,16 @@ class ClipOutcome:
     straight_degrees: float | None = None
     direction: ScanDirection | None = None
     unfit: Reason | None = None
+
+    @property
+    def left_out(self) -> list[str]:
+        """What the clip's file held and the new one does not, with reasons."""
+        return left_out(self.parts)
+
+    @property
+    def as_they_were(self) -> list[str]:
+        """What might have been straightened, too, and was not, with reasons: further films in the clip's file."""
+        return as_they_were(self.parts)
 
     @property
     def unchanged(self) -> dict[str, int]:
@@ -151,6 +162,8 @@ class ClipOutcome:
             "declined": [{**reason.as_json(), "frames": count} for reason, count in self.reasons.items()],
             "cuts_s": self.cuts_s,
             "left_out": self.left_out,
+            "as_they_were": self.as_they_were,
+            "parts": [part.as_json() for part in self.parts],
             "readout_ratio": ratio.value,
             "readout_ratio_sd": ratio.error or None,
             "readout_ms": self.readout_ms,

@@ -151,6 +151,7 @@ export interface Saved extends Partial<Refusal> {
   frames?: number;
   rectified?: number;
   left_out?: string[];
+  as_they_were?: string[];
   declined?: string[];
 }
 

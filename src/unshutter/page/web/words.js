@@ -411,10 +411,11 @@ export const words = {
     if (doing) return `${doing}…`;
     return done ? `frame ${done} of ${total}` : "starting…";
   },
-  clipSaved: ({ name, frames, rectified, left_out: lost }) => {
+  clipSaved: ({ name, frames, rectified, left_out: lost, as_they_were: kept }) => {
     const others = rectified < frames ? ", the others left unchanged" : "";
-    const without = lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : "";
-    return `${name}: saved to ${downloads}, ${rectified} of ${count(frames, "frame")} straightened${others}.${without}`;
+    const without = lost.length ? ` Not kept: ${lost.join(", ")}.` : "";
+    const asTheyWere = kept.length ? ` Left unchanged: ${kept.join(", ")}.` : "";
+    return `${name}: saved to ${downloads}, ${rectified} of ${count(frames, "frame")} straightened${others}.${without}${asTheyWere}`;
   },
   clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [

@@ -14,7 +14,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames import pyav
 from unshutter.options.clip_options import MAX_CLIP_PIXELS
 from unshutter.photo.photo import check_size
-from unshutter.video.file import containers, mp4
+from unshutter.video.file import containers, mp4, mp4_writer
 from unshutter.video.file.camera_tags import CameraTags
 from unshutter.video.file.clip import Clip
 from unshutter.video.file.containers import COVER, ExpectedLength, Extent, FirstTimes, FrameTiming, VideoFile
@@ -205,7 +205,7 @@ def read_clip_facts(
                     first=begun.first,
                 ),
                 data_tracks=data_tracks,
-                can_take_video=movie is not None and mp4.can_take(movie, video.id),
+                can_take_video=movie is not None and mp4_writer.can_take(movie, video.id),
                 may_have_log=ends_with_log or bool(data_tracks),
                 lead_s=math.inf if times.first is None else _LEAD_S if kind in _NO_TABLES else 0.0,
                 expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),

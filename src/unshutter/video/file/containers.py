@@ -46,6 +46,12 @@ class VideoFile:
     container: Any  # PyAV's
     video: Any  # its first stream of moving pictures
 
+    @property
+    def other_films(self) -> list[int]:
+        """IDs of further streams of moving pictures."""
+        videos = self.container.streams.video
+        return [s.id for s in videos if s.index != self.video.index and not s.disposition & COVER and s.frames != 1]
+
     def packets(self) -> Iterator[Packet]:
         """Yields the packets of all streams; raises UnshutterError if they cannot be read."""
         try:

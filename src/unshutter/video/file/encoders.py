@@ -53,6 +53,8 @@ _CODECS = {
 }
 _ENCODERS = {decoder: name for name, codec in _CODECS.items() for decoder in codec.decoders}
 REDUCED = {"yuv444p12le": "yuv444p10le", "yuva444p12le": "yuva444p10le"}  # decoded ProRes 4444 -> what is encoded
+# codec tags of Dolby Vision, whose metadata the new frames lack -> those of the frames without it
+_BASE_LAYERS = {"dvh1": "hvc1", "dvhe": "hev1", "dva1": "avc1", "dvav": "avc3", "dav1": "av01"}
 _MOST_TICKS = 65_535  # per second, of coarse times
 _LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
 _LAMBDA = 118  # FFmpeg's units per quality step
@@ -214,7 +216,7 @@ def _time_base(name: str, video_base: Fraction, rate: Fraction) -> Fraction:
 def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:
     """Copies the settings that only an encoder of the same kind can adopt."""
     context = stream.codec_context
-    tag = coding.tag
+    tag = _BASE_LAYERS.get(coding.tag, coding.tag)
     if tagged and tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4:
         context.codec_tag = tag
     profile = _codec(context.name).profiles.get(coding.profile or "")

@@ -20,6 +20,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS, av
+from unshutter.inventory import Fate, Part
 from unshutter.options.clip_options import Encode
 from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
@@ -52,7 +53,7 @@ class VideoWriter:
 
     Attributes:
         waiting: packets, in order, that are written before the next later frame. They may be added by another thread.
-        left_out: what the video cannot hold.
+        parts: what becomes of the clip's streams, and of what else the video cannot hold.
         covers: cover pictures that are not written with the video.
 
     Args:
@@ -84,7 +85,7 @@ class VideoWriter:
         self._stream = encoder.add_to(container, clip, size)
         self._streams: dict[int, Any] = {}
         self.waiting: deque[Packet] = deque()
-        self.left_out: list[str] = []
+        self.parts: list[Part] = []
         self.covers: list[bytes] = []
         self._clip = clip
         self._part = part
@@ -99,7 +100,7 @@ class VideoWriter:
         self._shift = start_s
         self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
-            self.left_out.append(f"the last 2 of 12 bits of each colour ({encoder.name} writes 10)")
+            self.parts.append(Part("the last 2 of 12 bits of each colour", Fate.LEFT_OUT, f"{encoder.name} writes 10"))
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
         self._bytes = 0
         self._packets = 0
@@ -139,7 +140,7 @@ class VideoWriter:
                 self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
                 copy.metadata.update(self._tags(tags))
             else:
-                self.left_out.append(f"stream {stream.index} ({_name(stream)})")
+                self.parts.append(Part(f"stream {stream.index} ({_name(stream)})", Fate.LEFT_OUT))
 
     def _tags(self, tags: Any) -> dict[str, str]:
         """Returns tags as a new file has them: with the timecode of the part's first frame."""
@@ -270,7 +271,7 @@ def start_of(clip: ClipFacts, ending: str) -> float:
 
 
 def holds_covers(ending: str, clip: ClipFacts) -> bool:
-    """Whether a video of this file ending gets its cover pictures from ``mp4.write_with_covers``."""
+    """Whether a video of this file ending gets its cover pictures from ``mp4_writer.write_with_covers``."""
     return ending.lower() in _MP4 and clip.others.has_covers
 
 

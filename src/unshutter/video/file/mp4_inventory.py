@@ -1,0 +1,250 @@
+"""The inventory of an MP4 or QuickTime file: its tracks and boxes, and the bytes that neither of them covers.
+
+What cannot depend on the frames is carried byte for byte, known or not. What signs the old frames is left out.
+
+Sources: ISO/IEC 14496-12; C2PA Technical Specification (the type of its box); exiftool.org (where cameras put data).
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
+from hashlib import blake2b
+from typing import BinaryIO, NamedTuple, TypeAlias
+
+import numpy as np
+
+from unshutter.inventory import Fate, Part
+from unshutter.photo.boxes import inside
+from unshutter.video.file import mp4_film
+from unshutter.video.file.mp4 import STBL, Movie, NotPlainError, TopBox, Track, rebuilt
+from unshutter.video.file.mp4_film import words
+
+Range: TypeAlias = tuple[int, int]  # positions of the first byte and of that behind the last
+_SIGNATURE = bytes.fromhex("d8fec3d61b0e483c92975828877ec481")  # C2PA's content credentials
+_SIGNATURES = (b"c2pa", b"jumb", b"jumd")
+LONGEST_TABLE = 1 << 20  # bytes
+ONE_FILM = "only one film of a file is straightened"
+_BLOCK = 1 << 20  # bytes read at a time
+_LONGEST_BEFORE = 16  # bytes in a box before its table
+_LONGEST_EMPTY = 8  # bytes of a reference that names no other file
+_GPS = b"gps "
+
+
+# ---- where bytes are ------------------------------------------------------------------------------------------------
+
+
+def sample_ranges(track: Track) -> list[Range]:
+    """Returns where a track's samples are; raises NotPlainError if they are in another file."""
+    with suppress(KeyError):
+        entries = inside(track.part(b"mdia", b"minf", b"dinf", b"dref")[8:])
+        if any(len(entry) > _LONGEST_EMPTY and not entry[3] & 1 for _, entry in entries):
+            raise NotPlainError("its samples are in another file")
+    return [(start, start + size) for _, start, size in track.chunks() if size]
+
+
+def merged(ranges: Iterable[Range]) -> list[Range]:
+    """Returns ranges in order, those that touch as one."""
+    out: list[Range] = []
+    for start, end in sorted(ranges):
+        if out and start <= out[-1][1]:
+            out[-1] = out[-1][0], max(end, out[-1][1])
+        else:
+            out.append((start, end))
+    return out
+
+
+def without(ranges: Iterable[Range], taken: Iterable[Range]) -> Iterator[list[Range]]:
+    """Yields what is left of each range without those that are taken."""
+    whole = merged(taken)
+    ends = [end for _, end in whole]
+    for start, end in ranges:
+        pieces = []
+        for first, last in whole[bisect_right(ends, start) :]:
+            if first >= end:
+                break
+            if start < first:
+                pieces.append((start, first))
+            start = last
+        if start < end:
+            pieces.append((start, end))
+        yield pieces
+
+
+def loose(movie: Movie) -> list[Range]:
+    """Returns the ranges that no table of samples covers: between them, in other boxes, and behind the last box."""
+    covered = [each for track in movie.tracks for each in sample_ranges(track)]
+    boxes = []
+    for each in movie.boxes:
+        is_empty = each.name != b"mdat" and list(without([each[2:]], covered)) == [[each[2:]]]
+        boxes += [(each.head if is_empty else each.start, each.end)] * (each.name != b"moov")
+    behind = (movie.boxes[-1].end, movie.length)
+    return [piece for pieces in without([*boxes, behind], covered) for piece in pieces]
+
+
+def signatures(movie: Movie) -> list[TopBox]:
+    """Returns the boxes that sign the file as it was."""
+    return [
+        each
+        for each in movie.boxes
+        if each.name in _SIGNATURES or (each.name == b"uuid" and movie.read_at(each.start, 16) == _SIGNATURE)
+    ]
+
+
+class PlaceTable(NamedTuple):
+    """A table of places in a file, each with a size: dash cameras list so where their GPS data are."""
+
+    first: int  # position of the first place in its box [bytes]
+    kind: str  # of the numbers, as NumPy names it
+
+    @classmethod
+    def of(cls, name: bytes, content: bytes, ranges: list[Range]) -> PlaceTable | None:
+        """Finds the table in a box of a type; None if it holds none.
+
+        Args:
+            ranges: those in order that no table of samples covers.
+        """
+        starts = np.array([start for start, _ in ranges], np.int64)
+        ends = np.array([end for _, end in ranges], np.int64)
+        for kind in (">u4", "<u4", ">u8") if 8 <= len(content) <= LONGEST_TABLE and ranges else ():
+            for first in range(0, _LONGEST_BEFORE + 1, 4):
+                table = cls(first, kind)
+                places, sizes = table._rows(content)
+                if not len(places):
+                    continue
+                within = np.searchsorted(starts, places, "right") - 1
+                if (within < 0).any() or (sizes <= 0).any() or (places + sizes > ends[within]).any():
+                    continue
+                begins = np.concatenate([starts, starts + 8, places + sizes])
+                if name == _GPS or np.isin(places, begins).all():
+                    return table
+        return None
+
+    def _rows(self, content: bytes) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the places and sizes up to the last that is not 0; none if they do not fill the box."""
+        size = 2 * np.dtype(self.kind).itemsize
+        if (len(content) - self.first) % size or len(content) - self.first < size:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        rows = np.frombuffer(content, self.kind, offset=self.first).reshape(-1, 2).astype(np.int64)
+        used = np.flatnonzero(rows.any(axis=1))
+        return tuple(rows[: used[-1] + 1 if len(used) else 0].T)
+
+    def moved(self, content: bytes, places: Callable[[np.ndarray], np.ndarray]) -> bytes:
+        """Returns the content of the box with each place moved."""
+        old, _ = self._rows(content)
+        numbers = np.frombuffer(content, self.kind, offset=self.first).copy()
+        numbers[: 2 * len(old) : 2] = places(old)
+        return content[: self.first] + numbers.tobytes()
+
+
+# ---- the inventory --------------------------------------------------------------------------------------------------
+
+
+def parts(movie: Movie, film: Track, other_films: Collection[int] = ()) -> Iterator[Part]:
+    """Yields what becomes of each part of a file whose film is replaced.
+
+    Args:
+        other_films: IDs of further tracks with moving pictures.
+    """
+    ranges = loose(movie)
+    for track in movie.tracks:
+        name = f"track {track.number} ({words(track.handler)}, {words(track.sample_kind)})"
+        size = sum(end - start for start, end in sample_ranges(track))
+        if track.number != film.number:
+            yield Part(name, Fate.CARRIED, ONE_FILM if track.number in other_films else "", size)
+            continue
+        yield Part(name, Fate.REPLACED, size=size)
+        yield from mp4_film.parts(track)
+    for name, content in movie.others:
+        fate = Fate.TRANSFORMED if PlaceTable.of(name, content, ranges) else Fate.CARRIED
+        yield Part(f"box moov/{words(name)}", fate, size=len(content))
+    signed = signatures(movie)
+    for each in movie.boxes:
+        size = each.end - each.head
+        if each in signed:
+            yield Part("content credentials", Fate.LEFT_OUT, "they sign the old frames", size)
+        elif each.name not in (b"moov", b"mdat"):
+            yield Part(f"box {words(each.name)}", Fate.CARRIED, size=size)
+    holders = [each for each in movie.boxes if each.name == b"mdat"]
+    between = sum(end - start for start, end in ranges if any(each.start <= start < each.end for each in holders))
+    behind = movie.length - movie.boxes[-1].end
+    for name, size in (("data between samples", between), ("data behind the last box", behind)):
+        if size:
+            yield Part(name, Fate.CARRIED, size=size)
+
+
+# ---- the audit ------------------------------------------------------------------------------------------------------
+
+
+def audited(before: BinaryIO, after: BinaryIO, number: int, other_films: Collection[int]) -> list[Part]:
+    """Returns what became of each part of a file whose film was replaced; what is found to be lost is among it.
+
+    Args:
+        number: ID of the film's track.
+        other_films: IDs of further tracks with moving pictures.
+    """
+    movie = Movie.read(before)
+    film = movie.track(number)
+    lost = audit(movie, Movie.read(after), film)
+    return [*parts(movie, film, other_films), *(Part(name, Fate.LEFT_OUT, "it was damaged") for name in lost)]
+
+
+def audit(before: Movie, after: Movie, film: Track) -> list[str]:
+    """Compares a file with one in which the film was replaced; returns what should be as it was, and is not.
+
+    It reads all bytes of both but the film's, and does not know how the second one was written.
+    """
+    lost = [] if _digest(before, loose(before)) == _digest(after, loose(after)) else ["data that no track lists"]
+    if _boxes(before) != _boxes(after):
+        lost.append("boxes of moov")
+    new = {track.number: track for track in after.tracks}
+    for track in before.tracks:
+        name = f"track {track.number} ({words(track.sample_kind)})"
+        other = new.get(track.number)
+        if other is None:
+            lost.append(name)
+        elif track.number == film.number:
+            lost += [] if mp4_film.kept(track) <= mp4_film.kept(other) else [f"descriptions of {name}"]
+        elif _masked(track) != _masked(other):
+            lost.append(f"tables of {name}")
+        elif _digest(before, sample_ranges(track)) != _digest(after, sample_ranges(other)):
+            lost.append(f"samples of {name}")
+    return lost
+
+
+def _digest(movie: Movie, ranges: list[Range]) -> bytes:
+    """Returns a digest of the bytes in ranges, but for what signs the file, and for places that it lists."""
+    tables = {each.head: each for each in movie.boxes if each.name not in (b"moov", b"mdat")}
+    signed = {each.head for each in signatures(movie)}
+    digest = blake2b()
+    for start, end in ranges:
+        holder = tables.get(start)
+        if holder is not None and start in signed:
+            continue
+        if holder is not None and end - start <= LONGEST_TABLE:
+            digest.update(_listless(holder.name, movie.read_at(holder.start, holder.end - holder.start), loose(movie)))
+            continue
+        for at in range(start, end, _BLOCK):
+            digest.update(movie.read_at(at, min(end - at, _BLOCK)))
+    return digest.digest()
+
+
+def _boxes(movie: Movie) -> list[tuple[bytes, bytes]]:
+    """Returns the boxes of ``moov`` that are not tracks, without the places that they list."""
+    ranges = loose(movie)
+    found = []
+    for name, content in movie.others:
+        inner = inside(content) if name == b"udta" else [(name, content)]
+        found += [(each, _listless(each, data, ranges)) for each, data in inner]
+    return found
+
+
+def _listless(name: bytes, content: bytes, ranges: list[Range]) -> bytes:
+    table = PlaceTable.of(name, content, ranges)
+    return content if table is None else table.moved(content, np.zeros_like)
+
+
+def _masked(track: Track) -> bytes:
+    """Returns the content of a track without the places of its samples."""
+    return rebuilt(track.content, lambda name, _: b"" if name in (b"stco", b"co64") else None, *STBL)

@@ -1,0 +1,179 @@
+"""What an MP4 or QuickTime file holds besides its film is carried byte for byte, or named."""
+
+import io
+import random
+import struct
+
+import av
+import pytest
+
+from support import clips
+from support.covering import thorough
+from support.movie_boxes import (
+    box,
+    boxes,
+    chunk_places,
+    content_of,
+    with_box_behind,
+    with_entry_boxes,
+    with_gaps,
+    with_moov,
+)
+from unshutter.inventory import Fate, left_out
+from unshutter.video.file import mp4_inventory
+from unshutter.video.file.mp4 import Movie
+from unshutter.video.file.mp4_writer import can_take, write_with_video
+
+GREYS = clips.moving(16)[1]
+CREDENTIALS = box(b"uuid", bytes.fromhex("d8fec3d61b0e483c92975828877ec481") + bytes(4) + b"manifest\0" + bytes(40))
+ALL = slice(None)
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    """A film with sound, whose tables come last or first; and other frames for it."""
+    folder = tmp_path_factory.mktemp("films")
+    short = {"options": {"g": "4", "bf": "2"}, "sound": True}
+    late = clips.write(folder / "late.mp4", GREYS, **short)
+    early = clips.write(folder / "early.mp4", GREYS, **short, container={"movflags": "faststart"})
+    new = clips.write(folder / "new.mp4", [255 - grey for grey in GREYS])
+    return late.read_bytes(), early.read_bytes(), new.read_bytes()
+
+
+def replaced(data, new, **more):
+    """The file with the frames of another, once it was audited; and what became of its parts."""
+    out = io.BytesIO()
+    source = io.BytesIO(data)
+    assert can_take(Movie.read(source), 1)
+    write_with_video(source, 1, io.BytesIO(new), out, **more)
+    before = Movie.read(source)
+    assert mp4_inventory.audit(before, Movie.read(out), before.track(1)) == []
+    return out.getvalue(), list(mp4_inventory.parts(before, before.track(1)))
+
+
+def streams(data):
+    """The packets of each stream, as FFmpeg reads them."""
+    found = {}
+    with av.open(io.BytesIO(data)) as video:
+        for packet in video.demux():
+            if packet.size:
+                found.setdefault(packet.stream.index, []).append((packet.pts, bytes(packet)))
+    return found
+
+
+def check(old, result, new):
+    assert [each for _, each in streams(result)[0]] == [each for _, each in streams(new)[0]]
+    assert streams(result)[1] == streams(old)[1]
+
+
+def some_bytes(draw, most=400):
+    return draw.randbytes(draw.randrange(1, most))
+
+
+def decorated(data, draw):
+    """A file with random boxes, gaps and a trailer; and these."""
+    extras = []
+
+    def extra(content):
+        extras.append(content)
+        return content
+
+    places = chunk_places(data)
+    gaps = {place: extra(some_bytes(draw)) for place in draw.sample(places, draw.randrange(1, len(places)))}
+    data, _ = with_gaps(data, gaps)
+    kinds = [b"free", b"skip", b"uuid", b"gps ", b"abcd", b"udta"]
+    inner = box(draw.choice(kinds), extra(some_bytes(draw)))
+    data = with_moov(data, lambda moov: moov + inner)
+    out = b"".join(box(name, content) for name, _, content in boxes(data))
+    for name in (b"moov", b"mdat"):
+        behind = box(draw.choice(kinds[:-1]), extra(some_bytes(draw))) if draw.random() < 0.7 else b""
+        out = with_box_behind(out, name, behind)
+    if draw.random() < 0.5:
+        out += extra(struct.pack(">I", draw.choice([3, 0x7FFFFFFF])) + some_bytes(draw))
+    return out, extras
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(thorough(seed) for seed in range(2, 40))])
+@pytest.mark.parametrize("is_early", [False, True])
+def test_random_boxes_gaps_and_trailers_are_carried(films, seed, is_early):
+    draw = random.Random(seed)
+    data, extras = decorated(films[is_early], draw)
+    assert streams(data) == streams(films[is_early])  # FFmpeg does not mind them
+    result, parts = replaced(data, films[2])
+    check(data, result, films[2])
+    assert all(result.count(extra) == data.count(extra) for extra in extras if len(extra) > 4)
+    assert left_out(parts) == []
+    names = [name for name, _, _ in boxes(data)]
+    assert [name for name, _, _ in boxes(result)][: len(names)] == names
+
+
+@pytest.mark.parametrize("is_early", [False, True])
+@pytest.mark.parametrize(
+    ("name", "kind", "before"), [(b"gps ", ">I", 8), (b"gps ", "<I", 0), (b"loc ", ">Q", 4), (b"loc ", ">I", 0)]
+)
+def test_blocks_between_samples_are_found_where_their_table_says(films, is_early, name, kind, before):
+    blocks = [box(b"free", b"GPS " + bytes([k]) * (40 + k)) for k in range(6)]
+    data = films[is_early]
+    table = box(name, bytes(before) + b"".join(struct.pack(f"{kind[0]}2{kind[1]}", 1, 1) for _ in blocks))
+    data = with_moov(data, lambda moov: moov + table)
+    data, places = with_gaps(data, dict(zip(chunk_places(data)[:: len(chunk_places(data)) // 6], blocks, strict=False)))
+    rows = [(place, len(block)) for place, block in zip(places, blocks, strict=True)]
+    listed = bytes(before) + b"".join(struct.pack(f"{kind[0]}2{kind[1]}", *row) for row in rows)
+    data = with_moov(data, lambda moov: moov.replace(table, box(name, listed)))
+    result, parts = replaced(data, films[2])
+    check(data, result, films[2])
+    found = content_of(result, b"moov", name)[before:]
+    rows = struct.iter_unpack(f"{kind[0]}2{kind[1]}", found)
+    assert [result[place : place + size] for place, size in rows] == blocks
+    assert [part.fate for part in parts if name.decode() in part.name] == [Fate.TRANSFORMED]
+
+
+def test_numbers_that_are_no_places_stay(films):
+    odd = struct.pack(">8I", 5, 8, 1000, 20, 3000, 40, 7, 7)
+    data, _ = with_gaps(
+        with_moov(films[0], lambda moov: moov + box(b"odd ", odd)), {chunk_places(films[0])[2]: bytes(90)}
+    )
+    result, _ = replaced(data, films[2])
+    assert content_of(result, b"moov", b"odd ") == odd
+
+
+def test_what_signs_the_old_frames_is_left_out_and_named(films):
+    result, parts = replaced(films[0] + CREDENTIALS + box(b"uuid", bytes(30)), films[2])
+    assert CREDENTIALS[:24] not in result and box(b"uuid", bytes(30)) in result
+    assert left_out(parts) == ["content credentials (they sign the old frames)"]
+
+
+def test_an_open_box_at_the_end(films):
+    """The last box may say that it goes on to the end of the file."""
+    early = films[1]
+    at = next(at for name, at, _ in boxes(early) if name == b"mdat")
+    data = early[:at] + bytes(4) + early[at + 4 :]
+    result, _ = replaced(data, films[2])
+    check(data, result, films[2])
+
+
+# ---- sample entries -------------------------------------------------------------------------------------------------
+
+CLAP = box(b"clap", struct.pack(">IIIIiIiI", 180, 1, 120, 1, 2, 1, -4, 1))
+VEXU = box(b"vexu", box(b"eyes", box(b"stri", bytes(4) + b"\3")))
+
+
+@pytest.mark.parametrize("extra", [CLAP, VEXU, box(b"hfov", bytes([0, 0, 200, 0])), box(b"abcd", b"of a camera")])
+def test_descriptions_of_the_film_are_carried(films, extra):
+    data = with_entry_boxes(films[0], extra)
+    result, parts = replaced(data, films[2])
+    assert extra in result and not left_out(parts)
+    check(data, result, films[2])
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (box(b"dvcC", bytes(24)), "Dolby Vision (it describes the old frames)"),
+        (box(b"lhvC", bytes(24)) + VEXU, "the other eye's view (the encoder writes one view)"),
+    ],
+)
+def test_what_describes_the_old_coding_is_named(films, extra, words):
+    result, parts = replaced(with_entry_boxes(films[0], extra), films[2])
+    assert left_out(parts) == [words]
+    assert extra not in result and VEXU not in result
