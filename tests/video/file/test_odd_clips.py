@@ -173,5 +173,5 @@ def test_nothing_can_be_followed_in_black_frames(tmp_path, at):
     greys = clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]
     black = [np.zeros_like(greys[0])] * 4
     clip = clips.write(tmp_path / "in.mkv", [*greys[:at], *black, *greys[at:]], "ffv1")
-    outcome = unshutter.rectify_clip(clip, tmp_path / "out.mkv")
+    outcome = unshutter.rectify_clip(clip, tmp_path / "out.mkv", focal_px=clips.FOCAL)
     assert outcome.frames == 44 and outcome.rectified >= 40

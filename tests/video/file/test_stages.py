@@ -31,7 +31,7 @@ class _Notes(ClipObserver):
 @pytest.mark.parametrize(
     "options",
     [
-        RectifyClip(steadiness=Steadiness(stabilize=2.0)),
+        RectifyClip(Shutter(focal_px=clips.FOCAL), steadiness=Steadiness(stabilize=2.0)),
         thorough(RectifyClip()),
         thorough(RectifyClip(undo=ClipUndo(edges="crop"))),
         thorough(RectifyClip(Shutter(readout_ratio=0.6), ClipUndo(model="dense"))),
