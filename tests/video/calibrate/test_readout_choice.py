@@ -11,6 +11,7 @@ from support.covering import thorough
 from support.hand_held import log_of, pan, shaking
 from unshutter.cli import main
 from unshutter.cli.clip_command import _line_of
+from unshutter.errors import UnknownRatioError
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
@@ -65,6 +66,8 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     rows = Estimate(4 * error if wobbles else error, error)
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
     monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
+    if shown is not None:  # once, it is searched for
+        monkeypatch.setattr(camera, "time_in_survey", _too_even)
     path = clips.write(tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1")
     found, _ = find_camera(ClipRequest.of(read_clip_facts(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))
     time = found.readout_time
@@ -74,6 +77,10 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
         assert reason is None
     else:
         assert reason.code is (Code.NO_WOBBLE if would_show else Code.READOUT_TIME_UNKNOWN)
+
+
+def _too_even(*_):
+    raise UnknownRatioError.because(Reason(Code.TOO_EVEN)).of_clip()
 
 
 def test_a_make_tells_the_kind_of_camera(tmp_path, run):
