@@ -43,9 +43,9 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import writable
 from unshutter.video.file.pixels import ArrayFrame, PixelFormat, of_file, upright
+from unshutter.video.file.previews import encode_pairs
 from unshutter.video.file.row_samples import ROWS
 from unshutter.video.file.stages import Stage
-from unshutter.video.file.video_writer import encode_pairs
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement
 from unshutter.video.render.frame_warper import Warper

@@ -27,14 +27,14 @@ from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.decision import NO_FRAMES, Decision, Leave, RectifyFrames, calibrate_and_decide, why_unfit
-from unshutter.video.file import mp4_inventory, mp4_writer, video_writer
+from unshutter.video.file import mp4_inventory, mp4_writer, previews
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import Encoder
 from unshutter.video.file.motion_file import MotionWriter
 from unshutter.video.file.pixels import of_file
 from unshutter.video.file.stages import Stage
-from unshutter.video.file.video_writer import VideoWriter, fitted, holds_covers, start_of, writing
+from unshutter.video.file.video_writer import VideoWriter, check_endings, fitted, holds_covers, start_of, writing
 from unshutter.video.outcome import ClipOutcome, Tally
 from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.render.rendering import (
@@ -112,7 +112,7 @@ def rectify_clip_file(
         unfit=why_unfit(camera),
     )
     if options.preview is not None and outcome.written:
-        video_writer.write_preview(
+        previews.write_preview(
             options.preview, clip, str(target), request.options.start, outcome.frames, options.overwrite
         )
     if options.plot is not None:
@@ -138,7 +138,7 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
     files = RunFiles(options, reads=[Path(path)])
     files.writes("--output", target)
     files.check(target)
-    video_writer.check_endings(target, options.preview)
+    check_endings(target, options.preview)
     if options.plot is not None:
         check_plot(options.plot)
     if options.save_motion is not None:
@@ -276,7 +276,8 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
             corner = (0, 0) if warper.window is None else (warper.window.left, warper.window.top)
             with part.open("r+b") as out:
                 mp4_writer.write_with_video(source.stream, source.video.id, frames_file, out, corner)
-                parts = [*parts, *mp4_inventory.audited(source.stream, out, source.video.id, source.other_films)]
+                others = [each.id for each in source.other_films]
+                parts = [*parts, *mp4_inventory.audited(source.stream, out, source.video.id, others)]
         elif frames_file is not None:
             with part.open("r+b") as out:
                 mp4_writer.write_with_covers(frames_file, writer.covers, out)

@@ -1,5 +1,7 @@
 """Clips into films of another kind: each stream is kept, or named."""
 
+from fractions import Fraction
+
 import av
 import cv2
 import numpy as np
@@ -167,3 +169,44 @@ def test_films_of_several_files_are_refused(tmp_path, capsys, name):
     )
     assert sorted(tmp_path.iterdir()) == before
     assert (tmp_path / "chunk-stream0-00001.m4s").read_bytes() == b"of another video"
+
+
+@pytest.mark.parametrize(
+    ("name", "ending"), [("in.mkv", ".mkv"), ("in.mkv", ".mp4"), ("in.ts", ".ts"), ("in.mp4", ".mp4")]
+)
+def test_a_second_film_is_carried_and_named(tmp_path, capsys, name, ending):
+    """Matroska's first packets have no decoding times if frames are reordered."""
+    film = clips.write(tmp_path / "film.mp4", clips.moving(16)[1], options={"bf": "2"})
+    source = tmp_path / name
+    with av.open(str(film)) as old, av.open(str(source), "w") as new:
+        copies = [new.add_stream_from_template(old.streams.video[0], opaque=True) for _ in range(2)]
+        packets = [packet for packet in old.demux() if packet.size]
+        for packet in packets:
+            for copy in copies:
+                twin = av.Packet(bytes(packet))
+                twin.pts, twin.dts, twin.time_base = packet.pts, packet.dts, packet.time_base
+                twin.is_keyframe, twin.stream = packet.is_keyframe, copy
+                new.mux(twin)
+    target = tmp_path / f"out{ending}"
+    assert main(["video", str(source), "-o", str(target), *clips.KNOWN]) == 0
+    assert "only one film of a file is straightened" in capsys.readouterr().err
+    assert pictures(target, 1) == pictures(source, 1)
+    assert pictures(target, 0) != pictures(source, 0)
+
+
+def pictures(path, number):
+    with av.open(str(path)) as video:
+        return [bytes(frame.planes[0]) for frame in video.decode(video.streams.video[number])]
+
+
+def test_avi_whose_clock_ticks_twice_a_frame(tmp_path, capsys):
+    """FFmpeg writes H.264 so into AVI; its header counts ticks."""
+    film = clips.write(tmp_path / "film.avi", clips.moving(16)[1], options={"bf": "0"})
+    with av.open(str(film)) as old, av.open(str(tmp_path / "in.avi"), "w") as new:
+        copy = new.add_stream_from_template(old.streams.video[0], opaque=True)
+        copy.time_base = Fraction(1, 60)
+        for packet in old.demux():
+            if packet.size:
+                packet.stream = copy
+                new.mux(packet)
+    assert not written(capsys, tmp_path / "in.avi", tmp_path / "out.avi")

@@ -118,7 +118,8 @@ class ClipFacts(Clip):
         times = containers.Times(self.timing)
         for packet in file.packets():
             if not file.is_of_video(packet):
-                if others is not None and packet.dts is not None and _is_within(containers.time_of(packet), start, end):
+                is_one = packet.size or packet.dts is not None  # not the sign that there are no more
+                if others is not None and is_one and _is_within(containers.time_of(packet), start, end):
                     others.append(packet)
                 continue
             for frame in containers.decode_packet(packet, file.path):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
 
+ONE_FILM = "only one film of a file is straightened"
 COVER = 0x400  # FFmpeg's disposition of attached pictures: cover art
 _LOOKED_AT = 120  # packets from which the usual frame interval is determined
 # FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
@@ -47,10 +48,10 @@ class VideoFile:
     video: Any  # its first stream of moving pictures
 
     @property
-    def other_films(self) -> list[int]:
-        """IDs of further streams of moving pictures."""
+    def other_films(self) -> list[Any]:
+        """Further streams of moving pictures."""
         videos = self.container.streams.video
-        return [s.id for s in videos if s.index != self.video.index and not s.disposition & COVER and s.frames != 1]
+        return [s for s in videos if s.index != self.video.index and not s.disposition & COVER and s.frames != 1]
 
     def packets(self) -> Iterator[Packet]:
         """Yields the packets of all streams; raises UnshutterError if they cannot be read."""
@@ -280,7 +281,7 @@ class ExpectedLength:
         frames = stream.frames
         seconds = None
         if kind == "avi":  # some of its frames may be empty: a repeated frame has no data
-            frames, seconds = 0, frames * interval_s or None
+            frames, seconds = 0, float(frames * stream.time_base) or None
         elif kind in _STATE_SECONDS and container.duration:
             seconds = container.duration / 1_000_000
         start_s = float((stream.start_time or 0) * stream.time_base)

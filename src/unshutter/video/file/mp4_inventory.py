@@ -18,6 +18,7 @@ import numpy as np
 from unshutter.inventory import Fate, Part
 from unshutter.photo.boxes import inside
 from unshutter.video.file import mp4_film
+from unshutter.video.file.containers import ONE_FILM
 from unshutter.video.file.mp4 import STBL, Movie, NotPlainError, TopBox, Track, rebuilt
 from unshutter.video.file.mp4_film import words
 
@@ -25,7 +26,6 @@ Range: TypeAlias = tuple[int, int]  # positions of the first byte and of that be
 _SIGNATURE = bytes.fromhex("d8fec3d61b0e483c92975828877ec481")  # C2PA's content credentials
 _SIGNATURES = (b"c2pa", b"jumb", b"jumd")
 LONGEST_TABLE = 1 << 20  # bytes
-ONE_FILM = "only one film of a file is straightened"
 _BLOCK = 1 << 20  # bytes read at a time
 _LONGEST_BEFORE = 16  # bytes in a box before its table
 _LONGEST_EMPTY = 8  # bytes of a reference that names no other file

@@ -1,4 +1,4 @@
-"""Writes videos: the new one, whose frames are encoded and everything else copied; and previews of before and after."""
+"""Writes the new video, whose frames are encoded, and everything else copied."""
 
 from __future__ import annotations
 
@@ -10,33 +10,23 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from fractions import Fraction
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
-
-import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS, av
 from unshutter.inventory import Fate, Part
 from unshutter.options.clip_options import Encode
-from unshutter.photo import Photo
-from unshutter.photo.photo import PREVIEW
 from unshutter.progress import ClipObserver
-from unshutter.storage.files import written_whole
-from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
-from unshutter.video.file.containers import COVER, VideoFile, opened, time_of
+from unshutter.video.file.clip_facts import ClipFacts
+from unshutter.video.file.containers import COVER, ONE_FILM, VideoFile, opened, time_of
 from unshutter.video.file.encoders import REDUCED, Encoder, others_for
 from unshutter.video.file.part_times import chapters_of_part, timecode_after
-from unshutter.video.file.pixels import upright
 from unshutter.video.file.stages import Stage, Work
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
-
-    from unshutter.motion.shapes import UInt8
 
 
 _TELLING_S = 2.0  # s of the new video from which its size is predicted
@@ -44,7 +34,8 @@ _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
 _CLOCKS = ("mpegts", "mpeg")  # formats whose times begin anywhere
-_USUAL = (".mp4", ".mov", ".mkv")  # file endings of previews, which are offered instead of another, too
+USUAL = (".mp4", ".mov", ".mkv")  # file endings of previews, which are offered instead of another, too
+_PREVIEWS = (".jpg", ".jpeg", ".png")
 _MP4 = (".mp4", ".mov", ".m4v", ".lrv")
 
 
@@ -98,6 +89,7 @@ class VideoWriter:
             if chapters := self._chapters(source):
                 container.set_chapters(chapters)
         self._shift = start_s
+        self._undated: dict[int, list[Packet]] = {}  # packets of a stream without a decoding time, as it begins
         self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
             self.parts.append(Part("the last 2 of 12 bits of each colour", Fate.LEFT_OUT, f"{encoder.name} writes 10"))
@@ -120,15 +112,15 @@ class VideoWriter:
         for stream in source.container.streams:
             if stream.index == source.video.index:
                 continue
+            fate = Fate.CARRIED
             packet = clip.others.first.get(stream.index)
             tags = stream.metadata
             if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
                 continue  # the titles of the chapters, which the container writes again
             cover = packet if stream.disposition & COVER else None
             if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
-                self._stream.metadata["timecode"] = self._tags(tags)[
-                    "timecode"
-                ]  # the container makes its own track from it
+                fate = Fate.TRANSFORMED  # the container makes its own track from it
+                self._stream.metadata["timecode"] = self._tags(tags)["timecode"]
             elif cover is not None and ending in _MP4:
                 self.covers.append(cover)
             elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
@@ -140,7 +132,9 @@ class VideoWriter:
                 self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
                 copy.metadata.update(self._tags(tags))
             else:
-                self.parts.append(Part(f"stream {stream.index} ({_name(stream)})", Fate.LEFT_OUT))
+                fate = Fate.LEFT_OUT
+            reason = ONE_FILM if fate is Fate.CARRIED and stream in source.other_films else ""
+            self.parts.append(Part(f"stream {stream.index} ({_name(stream)})", fate, reason))
 
     def _tags(self, tags: Any) -> dict[str, str]:
         """Returns tags as a new file has them: with the timecode of the part's first frame."""
@@ -172,26 +166,47 @@ class VideoWriter:
         self._put(lambda: self._add_encoded(self._stream.encode(frame)))
 
     def _add_packets(self, until_s: float) -> None:
-        while self.waiting and (self.waiting[0].dts or 0) * self.waiting[0].time_base <= until_s:
+        def begins_s(packet: Packet) -> float:
+            at = packet.pts if packet.dts is None else packet.dts
+            return float((at or 0) * packet.time_base)
+
+        while self.waiting and begins_s(self.waiting[0]) <= until_s:
             self._add_packet(self.waiting.popleft())
 
     def _add_packet(self, packet: Packet) -> None:
-        """Writes the next packet of another stream."""
-        copy = self._streams.get(packet.stream_index)
-        if copy is None or packet.dts is None or (packet.is_discard and (time_of(packet) or 0.0) < -_PRIMING_S):
+        """Writes the next packet of another stream, or holds it until its decoding time is known."""
+        number = packet.stream_index
+        if number not in self._streams or (packet.is_discard and (time_of(packet) or 0.0) < -_PRIMING_S):
             return
+        undated = self._undated.setdefault(number, [])
+        if packet.dts is None:
+            undated.append(packet)
+            return
+        step = max(packet.duration or 1, 1)
+        for before, earlier in enumerate(reversed(undated), 1):
+            earlier.dts = packet.dts - before * step
+        for each in (*undated, packet):
+            self._mux(each)
+        undated.clear()
+
+    def _mux(self, packet: Packet) -> None:
         by = round(self._shift / packet.time_base)
+        assert packet.dts is not None
         earliest = self._earliest_dts.get(packet.stream_index, packet.dts - by)
         packet.dts = max(packet.dts - by, earliest)
         self._earliest_dts[packet.stream_index] = packet.dts + 1
         if packet.pts is not None:
             packet.pts = max(packet.pts - by, packet.dts)
-        packet.stream = copy
+        packet.stream = self._streams[packet.stream_index]
         self._put(lambda: self._container.mux(packet))
 
     def end(self) -> None:
         """Completes the file after the last frame."""
         self._add_packets(math.inf)
+        for undated in self._undated.values():
+            for packet, at in zip(undated, sorted(each.pts or 0 for each in undated), strict=True):
+                packet.dts = at
+                self._mux(packet)
         self._put(lambda: self._add_encoded(self._stream.codec_context.encode_lazy(None)))
         self._put(self._container.close)
 
@@ -224,7 +239,7 @@ class VideoWriter:
 def check_endings(video: Path, preview: Path | None) -> None:
     """Raises UnshutterError if a video cannot have its name, or a preview is neither a picture nor a video."""
     check_ending(video.suffix)
-    if preview is not None and preview.suffix.lower() not in (*_USUAL, *_PREVIEWS):
+    if preview is not None and preview.suffix.lower() not in (*USUAL, *_PREVIEWS):
         raise UsageError(f"a preview is a picture (.jpg, .png) or a video (.mp4), not {preview.name}")
 
 
@@ -288,7 +303,7 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     for trial in (encoder, untagged):
         if fits(ending, trial):
             return trial
-    endings = [other for other in _USUAL if fits(other, untagged)]
+    endings = [other for other in USUAL if fits(other, untagged)]
     others = (Encoder.choose(clip, Encode(name)) for name in others_for(clip.pixels.name))
     codec = next((f"add {{--codec}} {other.name}" for other in others if fits(ending, other)), "")
     names = f"end the name in {' or '.join(endings)}" if endings else ""
@@ -373,53 +388,3 @@ def _portable_tags(tags: Any) -> dict[str, str]:
 
 
 _REGENERATED = {"encoder", "major_brand", "minor_version", "compatible_brands"}
-
-
-# ---- previews ----------------------------------------------------------------------------------------------------
-
-_MOMENTS = 5
-_WIDTH = 640  # px, of each half
-_LONGEST_S = 10.0
-_PREVIEWS = (".jpg", ".jpeg", ".png")
-
-
-def write_preview(
-    path: Path, before: ClipFacts, after: str, start_s: float | None, frames: int, overwrite: bool
-) -> None:
-    """Writes a preview of a rectified clip.
-
-    Args:
-        start_s: time in the original at which the rectified part begins [s]; None if it is the whole clip.
-        frames: number of frames in the rectified file.
-    """
-    both = zip(before.frames_between(start_s or None), read_clip_facts(after).frames_between(), strict=False)
-    pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
-    if path.suffix.lower() not in _USUAL:
-        moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
-        rows = [pair for k, pair in enumerate(pairs) if k in moments]
-        Photo.from_array(np.concatenate(rows), software=PREVIEW).save(path, quality=90, overwrite=overwrite)
-        return
-    with written_whole(path, overwrite) as part, writing(part, path.suffix) as container:
-        first = islice(pairs, round(_LONGEST_S / before.interval_s))
-        encode_pairs(container, first, before.interval_s, "libx264", {"crf": "20", "preset": "fast"})
-
-
-def _small_picture(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
-    """Returns a frame upright and small, in RGB."""
-    height = 2 * round(_WIDTH * frame.height / frame.width / 2)
-    return upright(frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray(), frame)
-
-
-def encode_pairs(
-    container: Any, pairs: Iterable[np.ndarray], interval_s: float, encoder: str, options: dict[str, str]
-) -> None:
-    """Encodes pictures uint8 [H, W, 3], all of one size, into a container that is open for writing."""
-    stream = None
-    for pair in pairs:
-        if stream is None:
-            rate = Fraction(1 / interval_s).limit_denominator(1001)
-            stream = container.add_stream(encoder, rate=rate, options=options)
-            stream.height, stream.width, stream.pix_fmt = *pair.shape[:2], "yuv420p"
-        container.mux(stream.encode(av().VideoFrame.from_ndarray(pair, format="rgb24")))
-    if stream is not None:
-        container.mux(stream.encode(None))
