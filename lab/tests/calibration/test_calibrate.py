@@ -5,6 +5,7 @@ Slow, because each of its photos is searched in eight versions, or nine parts, w
 
 import json
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from unshutter.single.prior import Calibration, Forest
 from unshutter.single.register import method
 from unshutter_lab.calibration.cases import coefficients_of, fit_motion_kinds, fit_network_errors
 
-pytest.importorskip("sklearn")
+pytestmark = pytest.mark.skipif(find_spec("sklearn") is None, reason="needs scikit-learn")
 
 NAMES = ("c.png", "d.png")  # in different folds
 
