@@ -127,6 +127,7 @@ def test_another_reference(make, reference) -> None:
     np.testing.assert_allclose(back.gs_to_rs(*grid()), motion.gs_to_rs(*grid()), atol=1e-9)
     np.testing.assert_allclose(back.rs_to_gs(*grid()), motion.rs_to_gs(*grid()), atol=1e-9)
     one, two = motion.rates(), other.rates()
+    assert (one[0].shape, one[1].shape) == ((HEIGHT,), (HEIGHT, 2)) and np.isfinite(one[1]).all()
     np.testing.assert_allclose(two[0], one[0], atol=1e-8)
     np.testing.assert_allclose(two[1], one[1], atol=2e-3)
     with pytest.raises(UsageError, match="tenth"):
@@ -186,13 +187,6 @@ def test_scaled(make) -> None:
     for wrong in (-0.1, 2.5, float("nan")):
         with pytest.raises(UsageError, match="strength"):
             motion.scaled(wrong)
-
-
-@every_kind
-def test_rates_are_as_many_as_rows(make) -> None:
-    turning, velocity = make().rates()
-    assert (turning.shape, velocity.shape) == ((HEIGHT,), (HEIGHT, 2))
-    assert np.isfinite(turning).all() and np.isfinite(velocity).all()
 
 
 @every_kind

@@ -49,13 +49,6 @@ def test_the_line_names_each_kind_once() -> None:
     assert describe_left_out("abcdef") == "not written: a, b, c, d, e and f"
 
 
-def test_nothing_is_named_that_was_never_there() -> None:
-    for format in ("JPEG", "PNG", "WEBP", "TIFF"):
-        photo = Photo.from_bytes(encoded(drawn(), format))
-        for target in ("jpeg", "png", "webp", "tiff", "avif"):
-            assert photo.encode(target).left_out == ()
-
-
 @pytest.mark.parametrize("kind", ["JPEG", "WEBP", "TIFF", "PNG"])
 def test_a_profile_for_other_colours_is_not_dropped_without_a_word(kind: str) -> None:
     profile = libvips().Image.profile_load("cmyk")

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.saving import check_result
 from unshutter.storage.files import check_target, digest, new_hash, remove_leftovers, remove_own_parts, written_whole
 from unshutter.storage.opened import Opened
 
@@ -77,15 +76,6 @@ def test_only_files_are_replaced(tmp_path: Path) -> None:
     for name, reason in (("pipe.jpg", "not a plain file"), ("folder.jpg", "a folder"), ("none/a.jpg", "no folder")):
         with pytest.raises(UnshutterError, match=reason):
             check_target(tmp_path / name, True)
-
-
-def test_originals_are_known_by_any_name(tmp_path: Path) -> None:
-    photo = tmp_path / "a.jpg"
-    photo.write_bytes(b"photo")
-    (tmp_path / "hard.jpg").hardlink_to(photo)
-    for target in (photo, tmp_path / "hard.jpg", tmp_path / "." / "a.jpg"):
-        with pytest.raises(UnshutterError, match="never overwritten"):
-            check_result(target, True, [Opened.at(photo)])
 
 
 @posix
