@@ -15,6 +15,7 @@ Methods         load -> Estimator, which gets a View; Method
 Errors          UnshutterError: UsageError, MissingFileError
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
@@ -100,8 +101,6 @@ def __getattr__(name: str) -> object:
     home = next((module for module, names in _HOMES.items() if name in names), None)
     if home is None:
         raise AttributeError(f"module 'unshutter' has no attribute '{name}'")
-    from importlib import import_module
-
     value = getattr(import_module(f"unshutter.{home}"), name)
     globals()[name] = value
     return value

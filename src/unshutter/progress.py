@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Self, TypeAlias
 
 from unshutter.errors import visible
 
@@ -32,7 +32,7 @@ def _has_standard_error() -> bool:
     return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
 
 
-class _Bar:
+class Bar:
     """A progress bar on standard error; nothing is shown before it starts, or if that is not a terminal."""
 
     _bar: rich.progress.Progress | None = None
@@ -71,7 +71,7 @@ class _Bar:
             tell(line)
 
 
-class Progress(_Bar):
+class Progress(Bar):
     """A progress bar for items; shows nothing if there is only one."""
 
     def __init__(self, total: int, what: str = "photos"):
@@ -85,24 +85,6 @@ class Progress(_Bar):
             task = self._bar.tasks[self._task]
             said = [rate(task.speed), "" if task.time_remaining is None else clock(task.time_remaining)]
             self._bar.update(self._task, said=" ".join(said))
-
-
-class ShareBar(_Bar):
-    """A progress bar for one task of several steps, which starts with the first of them."""
-
-    def show(self, share: float, left_s: float | None) -> None:
-        """Shows which share of the task is done, and how long the rest takes [s], if that is known."""
-        self._show(completed=share, said="" if left_s is None else clock(left_s))
-
-    def name(self, what: str, done: int, total: int) -> None:
-        """Shows which step is on its way, and how much of it is done."""
-        self._show(description=f"{what} {done}/{max(done, total)}")
-
-    def _show(self, **shown: Any) -> None:
-        if self._bar is None:
-            self._start("", 1.0, "{task.percentage:>3.0f}%", "{task.fields[said]}")
-        if self._bar is not None:
-            self._bar.update(self._task, **shown)
 
 
 class ClipObserver:

@@ -6,6 +6,7 @@ import json
 import shlex
 from collections.abc import Iterable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,8 +27,6 @@ def plugins(group: str) -> EntryPoints:
 
 def import_method(name: str) -> None:
     """Imports the module of another package's method, and so its kinds of motion; all methods' if none has the name."""
-    from importlib import import_module
-
     points = plugins("unshutter.estimators")
     for point in points.select(name=name) or points:
         try:

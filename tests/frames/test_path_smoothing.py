@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.smoothing import Room, Smoothing, stiffness_for
+from unshutter.frames.smoothing import Smoothing, stiffness_for
 
 RNG = np.random.default_rng(0)
 
@@ -53,7 +53,7 @@ def test_corrections_stay_within_their_room_and_no_better_ones_are_there():
     sides = np.broadcast_to(np.concatenate([np.eye(3), -np.eye(3)]), (200, 6, 3))
     free = smoothing(200).corrections(path, np.zeros_like(path))
     limit = np.abs(free).max() / 2
-    c = smoothing(200).corrections(path, np.zeros_like(path), Room(sides, np.full((200, 6), limit)))
+    c = smoothing(200).corrections(path, np.zeros_like(path), (sides, np.full((200, 6), limit)))
     assert np.abs(c).max() <= limit * (1 + 1e-6)
     best = cost(path, c)
     for _ in range(200):
@@ -66,5 +66,5 @@ def test_frames_without_any_room_are_left_alone():
     sides = np.broadcast_to(np.concatenate([np.eye(3), -np.eye(3)]), (60, 6, 3))
     room = np.full((60, 6), 10.0)
     room[30] = -2.0
-    c = smoothing(60).corrections(path, np.zeros_like(path), Room(sides, room))
+    c = smoothing(60).corrections(path, np.zeros_like(path), (sides, room))
     assert np.abs(c[30]).max() < 0.01 and np.isfinite(c).all() and np.abs(c).max() > 1

@@ -10,7 +10,7 @@ import pytest
 
 from support.page_server import desk
 from unshutter.errors import UnshutterError
-from unshutter.page.store import Full, Missing, temporary_folder
+from unshutter.page.store import Refused, temporary_folder
 
 
 async def _pieces(*pieces: bytes):
@@ -27,7 +27,7 @@ def test_a_photo_lies_in_a_folder_of_its_own_whatever_its_name(name: str) -> Non
         assert kept.path.read_bytes() == b"ab"
         one.store.remove(kept)
         assert not kept.path.parent.exists()
-        with pytest.raises(Missing):
+        with pytest.raises(Refused):
             one.store.get(kept.id)
 
 
@@ -36,7 +36,7 @@ def test_nothing_stays_of_a_photo_that_is_not_taken() -> None:
         with pytest.raises(UnshutterError, match="is empty"):
             asyncio.run(one.store.add("a.jpg", _pieces()))
         one.store.most_bytes = 1
-        with pytest.raises(Full):
+        with pytest.raises(Refused):
             asyncio.run(one.store.add("a.jpg", _pieces(b"ab")))
         assert [path.name for path in one.store.folder.iterdir()] == ["lock"]
 
@@ -48,7 +48,7 @@ def test_a_file_in_use_is_kept_when_it_is_closed() -> None:
             with one.store.used([kept]):
                 one.store.remove(kept)
             assert kept.path.exists()
-            with pytest.raises(Missing):
+            with pytest.raises(Refused):
                 one.store.get(kept.id)
         assert not kept.path.parent.exists() and one.store.get(other.id).path.exists()
         assert one.store._sizes == {other.id: 2}

@@ -11,7 +11,7 @@ import pytest
 
 from unshutter.errors import UnshutterError
 from unshutter.page import store as module
-from unshutter.page.store import Busy, Urgency, WorkerPool
+from unshutter.page.store import Refused, Urgency, WorkerPool
 
 NOW, LATER = Urgency.NOW, Urgency.LATER
 
@@ -100,7 +100,7 @@ def test_no_more_wait_than_may() -> None:
     async def test(lanes: WorkerPool) -> None:
         jobs = [asyncio.create_task(lanes.do(NOW, time.sleep, 0.5)) for _ in range(3)]
         await asyncio.sleep(0)
-        with pytest.raises(Busy):
+        with pytest.raises(Refused):
             await lanes.do(NOW, abs, -3)
         await asyncio.gather(*jobs)
         assert await lanes.do(NOW, abs, -3) == 3

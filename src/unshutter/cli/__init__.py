@@ -20,6 +20,8 @@ from typing import NoReturn
 from unshutter import version
 from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UnshutterError, UsageError, shortened
+from unshutter.frames.pyav import VIDEO_FORMATS
+from unshutter.options.picture_formats import SUFFIXES
 from unshutter.progress import tell
 from unshutter.version import __version__
 
@@ -57,13 +59,10 @@ def open_missing_streams() -> None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 (until the process ends)
 
 
-_A_MOMENT_S = 0.005
-
-
 def _stop(number: int, frame: FrameType | None) -> None:
     pyav = sys.modules.get("unshutter.frames.pyav")
     if pyav is not None and pyav.is_called_back(frame):
-        threading.Timer(_A_MOMENT_S, signal.raise_signal, [number]).start()
+        threading.Timer(0.005, signal.raise_signal, [number]).start()
         return
     raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
 
@@ -158,9 +157,6 @@ def command_for_file(name: str) -> str:
     """Returns the command for a first word that is a file, ``rectify`` or ``video``; empty if it is not one."""
     if name.startswith("-") or name in (*COMMANDS, "help"):
         return ""
-    from unshutter.frames.pyav import VIDEO_FORMATS  # imported here: most first words are commands
-    from unshutter.options.picture_formats import SUFFIXES
-
     suffix = PurePath(name).suffix.lower()
     if suffix in VIDEO_FORMATS:
         return "video"

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from unshutter.cli.arguments import Command
 from unshutter.cli.pipes import Pipes
@@ -16,7 +16,7 @@ from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyClip
 from unshutter.options.fields import positional
 from unshutter.options.picture_formats import SUFFIXES
-from unshutter.progress import ClipObserver, ShareBar, tell
+from unshutter.progress import Bar, ClipObserver, clock, tell
 from unshutter.reasons import Code
 from unshutter.run.inputs import video_name
 from unshutter.version import extra
@@ -77,12 +77,12 @@ def _rectify(arguments: Video) -> ClipOutcome:
     options = arguments.options
     if arguments.output is None and options.may_be_copy:  # next to the clip, nothing is written for one that stays
         options = replace(options, only_changed=True)
-    with ShareBar() as bar:
+    with _Terminal(options.encode) as terminal:
         clip = Path(arguments.clip)
         output = arguments.output
         if output is None or Path(output).is_dir():
             output = str(Path(output or clip.parent) / video_name(clip))
-        return rectify_clip_file(arguments.clip, output, options, observer=_Terminal(bar, options.encode))
+        return rectify_clip_file(arguments.clip, output, options, observer=terminal)
 
 
 def _report(outcome: ClipOutcome, preview: Path | None) -> None:
@@ -94,23 +94,28 @@ def _report(outcome: ClipOutcome, preview: Path | None) -> None:
 
 
 @dataclass
-class _Terminal(ClipObserver):
-    """Shows how the work goes on."""
+class _Terminal(Bar, ClipObserver):
+    """Shows how the work goes on, by a bar that starts with its first step."""
 
-    bar: ShareBar
     encode: Encode
 
     def note_progress(self, what: str, done: int, total: int) -> None:
-        self.bar.name(what, done, total)
+        self._show(description=f"{what} {done}/{max(done, total)}")
 
     def note_share(self, share: float, left_s: float | None) -> None:
-        self.bar.show(share, left_s)
+        self._show(completed=share, said="" if left_s is None else clock(left_s))
+
+    def _show(self, **shown: Any) -> None:
+        if self._bar is None:
+            self._start("", 1.0, "{task.percentage:>3.0f}%", "{task.fields[said]}")
+        if self._bar is not None:
+            self._bar.update(self._task, **shown)
 
     def note_readout(self, time: ReadoutTime, interval_s: float) -> None:
-        self.bar.tell(_line_of(time))
+        self.tell(_line_of(time))
 
     def note_rate(self, before: float, after: float) -> None:
-        self.bar.tell(_rate_line(before, after, self.encode))
+        self.tell(_rate_line(before, after, self.encode))
 
 
 def _line_of(time: ReadoutTime) -> str:

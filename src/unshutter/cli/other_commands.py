@@ -17,6 +17,7 @@ from unshutter.page.settings import Settings
 from unshutter.progress import tell
 from unshutter.single.register import describe_methods, names
 from unshutter.storage.locations import RunFiles
+from unshutter.version import extra
 
 SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # supported by shtab
 _FILES = {"PATH", "FILE", "FOLDER"}  # metavars
@@ -220,8 +221,10 @@ and rate, and readout time. `unshutter video --camera NAME` takes these times. T
 
 def serve(arguments: Settings) -> int:
     """Serves the page until Ctrl-C; returns the exit code."""
-    from unshutter.page.server import serve
-
+    try:
+        from unshutter.page.server import serve
+    except ImportError as error:
+        raise UnshutterError(f"the page needs the extra: {extra('web')} ({error})") from None
     try:
         return serve(arguments)
     except KeyboardInterrupt as stop:

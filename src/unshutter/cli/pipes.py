@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from unshutter.errors import UnshutterError, UsageError, stand_ins
-from unshutter.frames.pyav import VIDEO_FORMATS
+from unshutter.frames.pyav import VIDEO_FORMATS, av, open_to_read
 from unshutter.photo.decoder import recognise
 from unshutter.photo.libvips import Source
 from unshutter.run.inputs import picture_name, unchanged_name, video_name
@@ -147,8 +147,6 @@ def _check_not_appended(source: Path) -> None:
 
 def _ending_of_clip(clip: Path, output: str) -> str:
     """Returns an ending of a video's name that fits its contents, that of the output if it does; empty if unknown."""
-    from unshutter.frames.pyav import av, open_to_read
-
     try:
         with clip.open("rb") as stream, open_to_read(stream) as container:
             kinds = container.format.name.split(",")

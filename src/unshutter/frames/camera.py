@@ -94,9 +94,7 @@ _UNKNOWNS = 4  # at any time: three rotations and the change of scale
 _RIDGE = 1e-6  # px^-2; T has an arbitrary origin, which this fixes
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: values tried
 _ROUNDS = 4
-_FASTER = 1.5  # allowed motion within a frame, over that of the tracks: as much as a hand makes
-_PAIR_ROUNDS, _LEAST_OFF = 12, 0.02  # of the rotation between two frames; lower limit of the tracks' error [px]
-_SLACK = 0.5  # px of ROWS rows, added to that
+_LEAST_OFF = 0.02  # lower limit of the tracks' error [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +329,7 @@ def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:
     frame looks like a scene whose lower rows move faster, as near ground does. Such a fit is rejected in favour of a
     stiffer spline.
     """
-    most = _FASTER * ratio / 2 * problem.fastest + _SLACK
+    most = 1.5 * ratio / 2 * problem.fastest + 0.5  # as much as a hand makes
     rows = np.linspace(0, 1, 9)
     times = (problem.moments[:, None] + ratio * rows).ravel()
     while fit.stiffness < _STIFFNESS[-1]:
@@ -348,7 +346,7 @@ def rotation_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"
     jacobian, moved = track_jacobian(tracks, focal_px)
     weights = np.ones(len(tracks))
     unknowns = np.zeros(_UNKNOWNS)
-    for _ in range(_PAIR_ROUNDS):
+    for _ in range(12):
         weighted = jacobian * weights[:, None, None]
         normal = np.einsum("nij,nik->jk", weighted, jacobian) + _RIDGE * np.eye(_UNKNOWNS)
         unknowns = np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, moved))

@@ -76,7 +76,6 @@ class DenseParams:
 
 
 DENSE = DenseParams()
-_SEED = 0
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ def plane_between(
     begin, end = max((_tracked(first, second, corners, start) for start in starts), key=lambda ends: len(ends[0]))
     if len(begin) < MIN_TRACKS:
         return np.eye(3)
-    cv2.setRNGSeed(_SEED)
+    cv2.setRNGSeed(0)
     homography, inliers = cv2.findHomography(begin, end, cv2.USAC_MAGSAC, DENSE.inlier, maxIters=2000, confidence=0.999)
     if homography is None or inliers.sum() < MIN_TRACKS or not _is_sound(homography, height, width):
         return np.eye(3)

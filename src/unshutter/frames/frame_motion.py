@@ -68,7 +68,6 @@ class Timing:
 
 
 NAME = "frames-camera"
-_NOTHING_PX = 0.1  # px of ROWS rows: smaller displacements within a frame count as no motion
 AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
 
 
@@ -137,7 +136,7 @@ class FrameMotion:
         if self.rotations is not None:  # within a frame, both are small enough to be added
             rotations = rotations + self.rotations.within_frame(self.time_s, rows)
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
-        if reach.max() < _NOTHING_PX:
+        if reach.max() < 0.1:  # px of ROWS rows
             return self._none(Reason(Code.HARDLY_MOVED))
         focal = self.fit.focal_px * self.height / ROWS
         try:

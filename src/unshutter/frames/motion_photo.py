@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.errors import UnknownRatioError, UnshutterError
 from unshutter.frames import pyav
 from unshutter.frames.camera import ROWS, Problem, steady
-from unshutter.frames.registration import VIDEO, Frames, Matches, Placement, StillFit, fit_still, matches, placement
+from unshutter.frames.registration import VIDEO, Frames, Matches, StillFit, fit_still, matches, placement
 from unshutter.frames.self_calibration import fewer, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.motion.finding import Finding
@@ -147,7 +147,7 @@ class _Still:
     """A photo located within its video."""
 
     copy: UInt8[np.ndarray, "rows columns"]  # grey copy in the readout frame
-    placement: Placement  # placement of that copy in the video's frames
+    scale: float  # px of the video per px of that copy
     near: int  # number of the frame in which it was found
     scan_direction: ScanDirection  # of the stored photo, if the video's rows are those of the sensor
     focal_px: float  # focal length [px of the video's copies]
@@ -167,12 +167,13 @@ class _Still:
                 break
         else:
             return None
-        scan_direction = next(each for each in ScanDirection if each.quarter_turns % 4 == place.quarter_turns)
+        quarter_turns, scale = place
+        scan_direction = next(each for each in ScanDirection if each.quarter_turns % 4 == quarter_turns)
         if view.camera.readout not in ("auto", scan_direction.value):
             return None
         copy = np.ascontiguousarray(scan_direction.to_scan_frame(stored))
-        scale = place.scale * copy.shape[0] / scan_direction.frame_size(view.photo.height, view.photo.width)[0]
-        return cls(copy, place, near, scan_direction, view.focal_px() * scale)
+        of_photo = scale * copy.shape[0] / scan_direction.frame_size(view.photo.height, view.photo.width)[0]
+        return cls(copy, scale, near, scan_direction, view.focal_px() * of_photo)
 
     def fit(self, frames: Frames, run: _Run, near: int) -> StillFit | None:
         """Fits the rotation of the photo's rows from the frames around ``near``; None if found in fewer than two."""
@@ -185,14 +186,14 @@ class _Still:
         for k in sorted(beside, key=lambda k: abs(k - near)):
             moved = path[k] - path[near]
             expected = guess + np.array([moved[1] * unit, -moved[0] * unit, moved[2] / focal])
-            each = matches(self.copy, run.greys[k], self.placement.scale, expected)
+            each = matches(self.copy, run.greys[k], self.scale, expected)
             if each is not None:
                 found[k] = each
                 if k == near:
                     guess = np.append(np.median(each.frame - each.photo, axis=0), 0.0)
         if len(found) < 2:
             return None
-        return fit_still(frames, found, self.copy.shape[0] * self.placement.scale)
+        return fit_still(frames, found, self.copy.shape[0] * self.scale)
 
 
 # ---- the video ------------------------------------------------------------------------------------------------

@@ -130,15 +130,6 @@ class Link:
 
 
 @dataclass(frozen=True)
-class MotionField:
-    """The dense motion in the picture of one moment, around frame 0."""
-
-    field: Field  # on the small copies
-    largest_px: float  # largest displacement of anything in frame 0 [px of the frame]
-    reason: Reason | None = None  # why the frame should be left unchanged; None if it should not
-
-
-@dataclass(frozen=True)
 class Rendering:
     """A picture of one moment."""
 
@@ -172,19 +163,23 @@ def link(
     return Link(earlier, later, flow, apart)
 
 
-def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> MotionField:
+def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> tuple[Field, float, Reason | None]:
     """Returns the dense motion in the picture of a moment, from the flow between frame 0 and its neighbours.
 
     Args:
         links: -1 or 1 or both -> the flow between frame 0 and that neighbour, the earlier frame first.
         moment: in frame intervals from the first row of frame 0.
+
+    Returns:
+        The motion on the small copies, the largest displacement of anything in frame 0 [px of the frame], and why the
+        frame should be left unchanged, None if it should not.
     """
     copy_timing = timing.of_copy(next(iter(links.values())).earlier.shape[0])
     fields = {side: _field(links[side], copy_timing, moment, side) for side in links}
     field = joined(fields[-1], fields[1]) if len(fields) == 2 else next(iter(fields.values()))
     moved = np.linalg.norm(field.shift(0), axis=-1) * timing.height / field.velocity.shape[0]
     reason = _unchanged(field, moved, min(each.flow.consistent for each in links.values()))
-    return MotionField(field, float(moved.max()), reason)
+    return field, float(moved.max()), reason
 
 
 def render_moment(
@@ -211,12 +206,12 @@ def render_moment(
         New pixels; frame 0's own pixels if nothing moved or the motion explains nothing.
     """
     height, width = frames[0].shape[:2]
-    motion = motion_field(links, timing, moment)
-    if motion.reason:
+    field, largest_px, reason = motion_field(links, timing, moment)
+    if reason:
         everything = np.ones((height, width), bool)
-        return Rendering(frames[0], everything, everything, motion.largest_px, motion.reason)
+        return Rendering(frames[0], everything, everything, largest_px, reason)
     starts = {0: 0.0, **{side: side * links[side].apart for side in links}}
-    grids = {frame: _grid(motion.field, starts[frame], height, width) for frame in starts}
+    grids = {frame: _grid(field, starts[frame], height, width) for frame in starts}
     warped = {
         frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, starts[frame])
         for frame, grid in grids.items()
@@ -224,7 +219,7 @@ def render_moment(
     others = [warped[side] for side in links]
     pixels, valid = fuse(warped[0], others, timing, moment, borrow)
     own = seen_mask(grids[0]) if borrow else valid
-    return Rendering(pixels, valid, own, motion.largest_px)
+    return Rendering(pixels, valid, own, largest_px)
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:

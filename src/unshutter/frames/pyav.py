@@ -60,13 +60,12 @@ def av() -> ModuleType:
     """Returns the library."""
     os.environ.setdefault("SVT_LOG", "1")  # silences an encoder that writes to standard error
     try:
-        import av
-        from av import logging
+        import av.logging
     except ModuleNotFoundError:
         raise UnshutterError(f"clips need PyAV: {version.extra('video')}") from None
     except ImportError as error:  # too little memory, or a broken installation
         raise UnshutterError(f"cannot load PyAV, which clips need: {' '.join(str(error).split())}") from None
-    logging.set_level(None)
+    av.logging.set_level(None)
     return av
 
 

@@ -77,14 +77,6 @@ class VideoParams:
 VIDEO = VideoParams()
 
 
-@dataclass(frozen=True)
-class Placement:
-    """Approximate placement of a photo in a frame of its video."""
-
-    quarter_turns: int  # counter-clockwise quarter turns that align the stored photo with the video's frames
-    scale: float  # px of the video per px of the photo's copy
-
-
 @dataclass(frozen=True, eq=False)
 class Matches:
     """Points of a photo matched in a frame."""
@@ -97,8 +89,15 @@ class Matches:
         return len(self.photo)
 
 
-def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]) -> Placement | None:
-    """Locates a photo in a frame by SIFT features; returns None if they do not show the same scene."""
+def placement(
+    photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]
+) -> tuple[int, float] | None:
+    """Locates a photo in a frame of its video by SIFT features, approximately.
+
+    Returns:
+        Counter-clockwise quarter turns that align the stored photo with the frames, and px of the video per px of the
+        photo's copy; None if they do not show the same scene.
+    """
     sift = cv2.SIFT.create(VIDEO.features, contrastThreshold=VIDEO.contrast)
     in_photo, of_photo = sift.detectAndCompute(photo, NO_ARRAY)
     in_frame, of_frame = sift.detectAndCompute(frame, NO_ARRAY)
@@ -119,7 +118,7 @@ def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray,
     quarters = round(rotated / 90)
     if abs(rotated - 90 * quarters) > VIDEO.skew_deg or not VIDEO.scales[0] <= scale <= VIDEO.scales[1]:
         return None
-    return Placement(quarters % 4, scale)
+    return quarters % 4, scale
 
 
 def matches(

@@ -35,8 +35,6 @@ _LONG_ENOUGH = 12  # pairs of frames that tell the focal length of all
 SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
 _STIFFNESS_EVERY = 96  # frames
-_FADE = 8.0  # frames, over which the path of one window becomes that of the next; fewer than those ahead
-_TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
 
@@ -196,14 +194,14 @@ class CameraMotion:
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
         if path_before is not None:
-            fit = fit.after(path_before, starts[shot.before], _FADE)
+            fit = fit.after(path_before, starts[shot.before], 8.0)  # fewer frames than are ahead
         shot.fitted = np.floor(shot.times[0]), likeliest
         shot.taken = np.floor(shot.times[0]), fit
         if reason is None:  # what one window needs to be steady is not carried over to the next
             searched = self._stiffness is None or self._since_search >= _STIFFNESS_EVERY
             self._since_search = many if searched else self._since_search + many
             self._stiffness = likeliest.stiffness
-        if fit.noise_px > _TOO_NOISY_PX:
+        if fit.noise_px > 2.0:  # no camera rotation explains the tracks
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
@@ -34,12 +35,12 @@ def basis(at: Float[np.ndarray, "*times"], knots: int) -> Float64[np.ndarray, "*
     return values
 
 
-def roughness(knots: int, order: int = 2) -> Float64[np.ndarray, "knots knots"]:
-    """Returns the quadratic form of the sum of squared differences of the given order between a spline's coefficients.
+def roughness(knots: int) -> Float64[np.ndarray, "knots knots"]:
+    """Returns the quadratic form of the sum of squared second differences between a spline's coefficients.
 
-    With knots h apart, the integral of the squared second derivative is about ``roughness(knots, 2) / h**3``.
+    With knots h apart, the integral of the squared second derivative is about ``roughness(knots) / h**3``.
     """
-    differences = np.diff(np.eye(knots), order, axis=0)
+    differences = np.diff(np.eye(knots), 2, axis=0)
     return differences.T @ differences
 
 
@@ -79,11 +80,9 @@ def log_determinant(left: list[Float64[np.ndarray, "k k"]]) -> float:
     return float(sum(2 * np.log(np.diag(np.linalg.cholesky(block))).sum() for block in left))
 
 
-_BLOCK = 32  # frames eliminated together
 _EDGE = 6  # unknowns of a block that appear in its neighbour's equations: two frames
-_ROUNDS, _CENTRING = 60, 0.15  # of the interior-point method
-_GAP, _STEP = 1e-4, 0.97  # px^2 at which it stops; share of the distance to the nearest constraint per step
-_LEAST_ROOM = 1e-3  # px; room that constraints always leave around the unturned frame
+_CENTRING = 0.15  # of the interior-point method
+_GAP = 1e-4  # px^2 at which it stops
 
 
 def stiffness_for(period: float) -> float:
@@ -91,13 +90,9 @@ def stiffness_for(period: float) -> float:
     return (2 * np.sin(np.pi / max(period, 2.0))) ** -4.0
 
 
-@dataclass(frozen=True, eq=False)
-class Room:
-    """The limits on each frame's correction c: ``sides @ c <= px``."""
-
-    sides: Float64[np.ndarray, "frames constraints 3"]  # [frames, constraints, 3] px per unit of the correction
-    # [frames, constraints] remaining room [px]; negative values are replaced by a tiny room
-    px: Float64[np.ndarray, "frames constraints"]
+# limits on each frame's correction c: ``sides @ c <= px`` [frames, constraints, 3] and [frames, constraints]; where
+# no room remains, a tiny one is left
+Room: TypeAlias = "tuple[Float64[np.ndarray, 'frames constraints 3'], Float64[np.ndarray, 'frames constraints']]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +121,12 @@ class Smoothing:
 
     def _within(self, room: Room, own: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Returns the corrections within their room, by the interior-point method."""
-        A = room.sides
-        b = np.maximum(room.px, _LEAST_ROOM)
+        A, px = room
+        b = np.maximum(px, 1e-3)  # room that constraints always leave around the unturned frame
         c = np.zeros_like(right)
         slack = np.maximum(b, 1.0)
         force = np.ones_like(b)
-        for _ in range(_ROUNDS):
+        for _ in range(60):
             gap = float((slack * force).mean())
             r_dual = self._bent(c) + self.weights * c - right + _weighted(A, force)
             r_room = _reach(A, c) + slack - b
@@ -178,7 +173,7 @@ class Smoothing:
         """Solves (quadratic form + each frame's own matrix [frames, 3, 3]) x = right, by blocks of frames."""
         bands = self._bands()
         n = len(right)
-        starts = list(range(0, n, _BLOCK))
+        starts = list(range(0, n, 32))
         if len(starts) > 1 and n - starts[-1] < 2:
             starts.pop()  # a block may only be coupled to its neighbours
         ends = [*starts[1:], n]
@@ -239,4 +234,4 @@ def _weighted(sides: np.ndarray, force: np.ndarray) -> np.ndarray:
 def _longest(values: np.ndarray, change: np.ndarray) -> float:
     """Returns the longest step, at most 1, that keeps all values positive."""
     shrinking = change < 0
-    return min(1.0, _STEP * float((values[shrinking] / -change[shrinking]).min(initial=np.inf)))
+    return min(1.0, 0.97 * float((values[shrinking] / -change[shrinking]).min(initial=np.inf)))

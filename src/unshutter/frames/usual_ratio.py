@@ -10,14 +10,11 @@ from unshutter.photo import Photo
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
 FEW = 3  # a photo and those just before and after it never show their readout ratio
-_GUESSED_ERROR = 0.25  # of a guessed readout ratio
-_CAUTIOUS = 0.7  # of a usual readout time: one that is too long bends photos, one that is too short leaves them bent
-_LONGEST_S = 10.0  # between photos that are worth comparing
 
 
 def cautious(time: ReadoutTime) -> ReadoutTime:
     """Shortens a camera's usual readout time to a part that is safe to undo."""
-    return replace(time, seconds=_CAUTIOUS * time.seconds)
+    return replace(time, seconds=0.7 * time.seconds)  # one that is too long bends photos, too short leaves them bent
 
 
 def usual_ratio(photos: Sequence[Photo]) -> ReadoutRatio:
@@ -27,6 +24,6 @@ def usual_ratio(photos: Sequence[Photo]) -> ReadoutRatio:
     readout = photos[0].readout_time()
     if len(known) == len(photos) > 1 and readout.source is not ReadoutSource.UNKNOWN:
         interval_s = (known[-1] - known[0]).total_seconds() / (len(photos) - 1)
-        if 0 < interval_s <= _LONGEST_S:
+        if 0 < interval_s <= 10.0:  # between photos that are worth comparing
             return cautious(readout).ratio(interval_s)
-    return ReadoutRatio(GUESSED_RATIO, _GUESSED_ERROR, ReadoutSource.USUAL)
+    return ReadoutRatio(GUESSED_RATIO, 0.25, ReadoutSource.USUAL)

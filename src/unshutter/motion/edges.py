@@ -20,7 +20,6 @@ from unshutter.options import Edges
 
 HAIRLINE = 1.0  # px that may be missing at an edge without becoming black
 LEAST_CROP = 0.1  # share of a picture's area: a smaller crop is refused
-_SHAPE_IS_WORTH = 0.03  # share of a picture's area that may be lost to keep its aspect ratio
 
 Size: TypeAlias = tuple[int, int]  # height and width [px]
 
@@ -88,8 +87,6 @@ class EdgePolicy:
 
 # ---- the largest rectangle -------------------------------------------------------------------------------------
 
-_SEARCH_CELLS = 40_000
-
 # borders of rows and of columns [px] -> which cells between them the original shows entirely
 _SeenBetween = Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "rows cols"]]
 
@@ -148,7 +145,8 @@ class _Search:
             return Tile(0, self.height, 0, self.width)
         free = self._refined(coarse, coarse.largest()).largest()
         shaped = self._refined(coarse, coarse.largest_shaped()).largest_shaped()
-        return shaped if free.area - shaped.area < _SHAPE_IS_WORTH * self.height * self.width else free
+        # to keep the picture's aspect ratio, so much of its area may be lost
+        return shaped if free.area - shaped.area < 0.03 * self.height * self.width else free
 
     def shaped(self) -> Tile:
         """Returns the largest rectangle of the picture's shape."""
@@ -158,7 +156,7 @@ class _Search:
     @property
     def _block(self) -> int:
         """Side [px] of coarse cells."""
-        return int(np.ceil(np.sqrt(self.height * self.width / _SEARCH_CELLS)))
+        return int(np.ceil(np.sqrt(self.height * self.width / 40_000)))
 
     def _coarse(self) -> _Cells:
         return self._cells(*(np.append(np.arange(0, size, self._block), size) for size in (self.height, self.width)))

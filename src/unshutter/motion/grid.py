@@ -26,12 +26,9 @@ from unshutter.motion.upright import Pose
 # (col, row) of output pixels -> (col, row) of the input positions they show
 PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-_COARSEST_STEP = 64  # initial distance of nodes [px]; a power of two
-_TOLERANCE = 0.004  # px at the midpoints of a cell's sides; at its centre the errors of both directions add up
 _INSIDE_SLACK = 0.01  # px, the accuracy of the map
 _TILE = (512, 512)  # rows and columns; with smaller tiles, threads wait for the interpreter
 _BAND_POINTS = 1 << 18  # number of positions computed at a time
-_BAND_CELLS, _BAND_PX = 4, 128  # fewest rows of cells, and px, interpolated at a time, to stay in the processor's cache
 
 
 def gs_to_rs_map(motion: Motion, upright: Pose | None = None) -> PositionMap:
@@ -150,7 +147,8 @@ class SamplingGrid:
         while settled < 2:
             if steps[axis] > 1:
                 finer_at, finer = _halved(position, at, nodes, axis)
-                if _worst_inside(finer, axis, height, width, steps[axis]) > _TOLERANCE:
+                # px at the midpoints of a cell's sides; at its centre the errors of both directions add up
+                if _worst_inside(finer, axis, height, width, steps[axis]) > 0.004:
                     nodes = finer
                     at[axis] = finer_at
                     steps[axis] //= 2
@@ -227,7 +225,7 @@ class SamplingGrid:
         width = -(-self.width // across)
         step = (self.row_step // down, self.col_step // across)
         columns = slice(step[1], step[1] + width)
-        band = max(_BAND_CELLS, _BAND_PX // self.row_step)
+        band = max(4, 128 // self.row_step)  # stays in the processor's cache
         for first in range(0, self.nodes.shape[1] - 2, band):
             nodes = self.nodes[:, first : first + band + 2]
             top = first * step[0]
@@ -303,7 +301,7 @@ def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
 
 def _first_step(size: int) -> int:
     """Returns the largest power of two up to an eighth of the side, keeping nodes beyond the picture close to it."""
-    return min(1 << max((size // 8).bit_length() - 1, 0), _COARSEST_STEP)
+    return min(1 << max((size // 8).bit_length() - 1, 0), 64)
 
 
 def _compute(position: PositionMap, rows: np.ndarray, cols: np.ndarray, out: np.ndarray) -> None:

@@ -26,9 +26,7 @@ Angles = TypeVar("Angles", float, np.ndarray)  # from the axis [rad]
 Vectors: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 _ANGLES = np.linspace(0, np.pi, 1025)  # rad
-_LEAST_SLOPE = 0.1  # of r: where it grows by less, the model has left the lens; beyond, r grows evenly
 _SMALL = 1e-9
-_WIDEST_RADIAL = np.radians(65)  # from the axis: beyond it, the model of radial distortion is not followed
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Lens:
         Args:
             reach: largest distance from the axis that matters [focal lengths].
         """
-        angles = _ANGLES[1:][_ANGLES[1:] <= _WIDEST_RADIAL]
+        angles = _ANGLES[1:][_ANGLES[1:] <= np.radians(65)]  # beyond it, the model is not followed
         tan = np.tan(angles)
         seen = tan * (1 + sum(each * tan ** (2 * n + 2) for n, each in enumerate(k)))
         grows = np.append(True, np.diff(seen) > 0).cumprod().astype(bool) & (seen <= max(reach, seen[8]))
@@ -103,7 +101,7 @@ class Lens:
     @cached_property
     def _limit(self) -> float:
         """Largest angle at which the model describes a lens [rad]."""
-        folded = np.flatnonzero(self._slope(_ANGLES) < _LEAST_SLOPE)
+        folded = np.flatnonzero(self._slope(_ANGLES) < 0.1)  # beyond, the model has left the lens, and r grows evenly
         return float(_ANGLES[max(folded[0] - 1, 0) if folded.size else -1])
 
     @cached_property

@@ -23,9 +23,6 @@ from unshutter.version import __version__
 # Far beyond any real photo, so that only mistakes exceed them, and far below the limits of floating point.
 MOST_SIDE = 1_000_000  # px
 MOST_SHIFT_PX = 1e6
-MAX_ROTATION_RAD = 2 * math.pi
-LEAST_FOCAL_PX = 1e-3
-MOST_FOCAL_PX = 1e9
 
 
 class Keywords(TypedDict, total=False):
@@ -72,7 +69,7 @@ def check_lengths(*lengths_px: ArrayLike) -> None:
 def check_rotations(*turns_rad: ArrayLike) -> None:
     """Raises UnshutterError if an array or number is not a plausible rotation angle of a camera [rad]."""
     check_finite(*turns_rad)
-    if any(np.abs(rotation).max() > MAX_ROTATION_RAD for rotation in turns_rad):
+    if any(np.abs(rotation).max() > 2 * math.pi for rotation in turns_rad):
         raise UnshutterError("no camera turns by more than 360 degrees while a picture is read")
 
 
@@ -81,7 +78,7 @@ def check_focal(focal_px: float) -> None:
     check_finite(focal_px)
     if focal_px <= 0:
         raise UnshutterError(f"the focal length must be positive, got {focal_px:g} px")
-    if not LEAST_FOCAL_PX <= focal_px <= MOST_FOCAL_PX:
+    if not 1e-3 <= focal_px <= 1e9:
         raise UnshutterError(f"no camera has a focal length of {focal_px:g} px")
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from unshutter.motion.shapes import Bool, Float, Float64
 
 _DEGREES = 3.0  # of freedom of Student's t, the model of the errors of tracks and matches
-FINEST_PX = 0.02  # lower limit of the noise of tracks
 CORRELATED = 4.0  # errors of tracks and matches are correlated: n of them count as n / CORRELATED
 
 
@@ -18,7 +17,7 @@ def student_weights(
     squared: Float64[np.ndarray, "*shape"],
     used: Bool[np.ndarray, "*shape"],
     noise: float,
-    finest: float = FINEST_PX,
+    finest: float = 0.02,
     rounds: int = 3,
 ) -> tuple[Float64[np.ndarray, "*shape"], float]:
     """Returns weights of points under Student's t in two dimensions, and their noise [px].

@@ -251,7 +251,6 @@ def _transposed(matrices: Array) -> Array:
 
 
 _FOLDED = "the motion turns faster than rows are read: the picture would fold over itself"
-_CHECKED = 9  # columns
 _FARTHEST = np.pi / 2  # rad; beyond a right angle the picture's centre is no longer in front of the camera
 
 
@@ -325,7 +324,7 @@ class RotationMotion(Motion, kind="rotations"):
         row = np.arange(self.height, dtype=np.float64)
         wx, wy, wz = self._rotation_at(row)[1].T
         if self.lens is not None:
-            col = np.linspace(-reach, reach, _CHECKED)[:, None] + self.center[0] + 0 * row
+            col = np.linspace(-reach, reach, 9)[:, None] + self.center[0] + 0 * row
             slope = _row_residual(row, col, row, self._rotation_at, self.focal_px, self.center, self.lens)[1]
             if slope.min() <= 0:
                 raise UnshutterError(_FOLDED)

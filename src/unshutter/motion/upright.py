@@ -20,8 +20,6 @@ from unshutter.options import Upright
 from unshutter.reasons import Code, Reason
 
 _MOST_ROLL_DEG, _MOST_TILT_DEG = 8.0, 25.0  # more is meant, or a mistake: undone only if the user states it
-_STRAIGHT = 89.0  # degrees from the horizon, from which nothing is upright
-_MOST_SHOWN = 2.0  # of the scene above or below the centre, in halves of the picture
 _SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))
 
 
@@ -65,7 +63,7 @@ class Pose:
             return Reason(Code.POSE_UNKNOWN)
         if abs(self.roll_deg) > _MOST_ROLL_DEG and not (roll and roll.stated):
             return Reason.of(Code.TOO_ASKEW, deg=round(abs(self.roll_deg), 1))
-        if abs(upwards) > (_STRAIGHT if tilt and tilt.stated else _MOST_TILT_DEG):
+        if abs(upwards) > (89 if tilt and tilt.stated else _MOST_TILT_DEG):  # straight up or down, nothing is upright
             return Reason.of(Code.TOO_STEEP, deg=round(abs(upwards), 1))
         return self if wish == "full" else replace(self, tilt_deg=None)
 
@@ -112,7 +110,7 @@ class Pose:
         border = (half / np.maximum(np.abs(along), 1e-9)).min()
         length = float(half @ np.abs(up))
         ends = [border * depth / max(1 - side * border * slope, 1e-9) for side in (1, -1)]
-        top, bottom = (min(end, _MOST_SHOWN * length) for end in ends)
+        top, bottom = (min(end, 2 * length) for end in ends)
         smaller = max((top + bottom) / (2 * length), 1.0)
         placed = np.diag([smaller, smaller, 1.0])
         placed[:2, 2] = up * (top - bottom) / 2

@@ -28,9 +28,8 @@ from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.shapes import Bool, Float32, UInt
 from unshutter.motion.upright import Pose
 from unshutter.options import Edges, check_edges
-from unshutter.storage.files import new_array
+from unshutter.storage import files
 
-_MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
 _REACH = 3  # px that interpolation reads beyond a position
 
@@ -165,7 +164,12 @@ def _warped(
             repeated; None: the picture is mirrored at its border.
         masked: see :func:`rectify_pixels`.
     """
-    result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
+    shape = window.bottom - window.top, window.right - window.left, *pixels.shape[2:]
+    if math.prod(shape) * pixels.itemsize <= files.SPILL_BYTES:
+        result = np.empty(shape, pixels.dtype)
+    else:  # in a file that is removed when no longer used
+        with files.nameless_file() as file:
+            result = np.memmap(file, dtype=pixels.dtype, mode="w+", shape=shape)
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
     has_alpha = pixels.shape[2] in (2, 4) and not masked
     warp = _Warp(pixels, out, grid, window, interpolation, black_beyond, has_alpha, Scratch())
@@ -256,7 +260,7 @@ def _mirror(positions: np.ndarray, last: int) -> None:
 def thread_count() -> int:
     """Returns libvips's number of threads: one per processor, or the value of VIPS_CONCURRENCY."""
     setting = os.environ.get("VIPS_CONCURRENCY", "")
-    return min(int(setting) if setting.isdigit() and int(setting) else os.cpu_count() or 1, _MOST_THREADS)
+    return min(int(setting) if setting.isdigit() and int(setting) else os.cpu_count() or 1, 16)
 
 
 def _too_long(extent: Extent) -> bool:

@@ -191,7 +191,6 @@ _ALLOWED = {
     str: (str, "text"),
     Path: ((str, os.PathLike), "a path"),
 }
-_WIDTH = 120
 
 
 def from_keywords(kind: type[T], keywords: Mapping[str, Any]) -> T:
@@ -202,15 +201,11 @@ def from_keywords(kind: type[T], keywords: Mapping[str, Any]) -> T:
 def _value(option: Option, value: Any) -> Any:
     if value is None and option.default is None:
         return None
-    value = _as_flag(option, value)
+    is_flag = value is True and option.choices and "bare" in option.more
+    value = option.more["bare"] if is_flag else value
     types, allowed = _ALLOWED[option.type]
     check_type(option.key, value, types, f"one of {', '.join(option.choices)}" if option.choices else allowed)
     return Path(value) if option.type is Path and value is not None else value
-
-
-def _as_flag(option: Option, value: Any) -> Any:
-    """Returns what the flag alone means for True, where it may be used without a value."""
-    return option.more["bare"] if value is True and option.choices and "bare" in option.more else value
 
 
 def check_type(key: str, value: Any, types: Any, allowed: str) -> None:
@@ -240,9 +235,7 @@ def for_python(*kinds: type) -> Callable[[F], F]:
         for name in inspect.signature(function).parameters:
             if name in abouts and f"{indent}{name}: " not in described:
                 text = f"{name}: {with_options(abouts[name], as_keyword)}"
-                described += "\n" + textwrap.fill(
-                    text, _WIDTH, initial_indent=indent, subsequent_indent=f"{indent}    "
-                )
+                described += "\n" + textwrap.fill(text, 120, initial_indent=indent, subsequent_indent=f"{indent}    ")
         function.__doc__ = head + args + described + blank + rest
 
         @functools.wraps(function)

@@ -17,13 +17,12 @@ DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond these, up is no longer up
 
 
-_WIDEST = 20.0  # most heights per focal length
 _LONGEST_PX = 1e9  # the longest focal length
 
 
 def check_focal(focal_px: float | None, rows: int = 64) -> None:
     """Checks a focal length [px], if any, for a picture with this many rows, by default the fewest accepted."""
-    least = rows / _WIDEST
+    least = rows / 20.0
     if focal_px is not None and not least <= focal_px <= _LONGEST_PX:
         raise UsageError(f"{{--focal-px}} must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
 

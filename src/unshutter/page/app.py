@@ -31,8 +31,8 @@ from unshutter.page.opened import MOMENTS, Kind, progress_of
 from unshutter.page.saves import Destination, Item, SaveTasks, Saving, photo_result
 from unshutter.page.sentences import OTHER_NEIGHBOURS, advice, reason_json
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip, refusal
-from unshutter.page.store import Busy, Full, Missing, OpenFile, ServerState, Urgency
-from unshutter.page.tabs import Tabs, tab_routes
+from unshutter.page.store import OpenFile, Refused, ServerState, Urgency
+from unshutter.page.tabs import ALIVE_S, Tabs, tab_routes
 from unshutter.progress import tell
 from unshutter.reasons import JsonObject
 from unshutter.run.inputs import motion_name, unchanged_name
@@ -41,7 +41,6 @@ from unshutter.version import __version__
 R = TypeVar("R")
 
 PAGE = Path(__file__).parent / "web"
-_PATIENCE_S = 10.0  # longest wait for the next piece of a body
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
@@ -52,16 +51,10 @@ _TYPES = {
 _SCREEN_SIDES = ("320", "1000", "1600", "2400")  # longer sides of copies for screens [px]; few, as each is cached
 _FULL = "full"
 _NOT_OPTIONS = ("longest", "later", "draft", "moment", "usual")  # query parameters
-_MOST_REQUEST = 2_000_000  # bytes of a request to save
-_ALIVE_S = 15.0  # between keep-alive messages to the page
-
-# HTTP status for each type of error; the first matching type wins.
-_STATUSES: dict[type[Exception], int] = {UsageError: 400, Missing: 404, Full: 413, Busy: 503, UnshutterError: 422}
-_HEADERS: dict[int, dict[str, str]] = {503: {"retry-after": "1"}}
 
 
 def application(
-    state: ServerState, token: str, port: int, tabs: Tabs | None = None, patience_s: float = _PATIENCE_S
+    state: ServerState, token: str, port: int, tabs: Tabs | None = None, patience_s: float = 10.0
 ) -> ASGIApp:
     """Builds the ASGI application for the whole server."""
     photo = "/api/photos/{id}"
@@ -263,8 +256,8 @@ async def _json(request: Request) -> JsonObject:
     data = b""
     async for piece in request.stream():
         data += piece
-        if len(data) > _MOST_REQUEST:
-            raise Full("the request is too long")
+        if len(data) > 2_000_000:
+            raise Refused("the request is too long", 413)
     try:
         parsed = json.loads(data)
     except (ValueError, RecursionError):  # not JSON, or too deeply nested
@@ -313,7 +306,7 @@ async def _events(request: Request) -> Response:
             yield f"data: {json.dumps(saving.as_json())}\n\n"
             while saving.state == "working" and not changed.is_set():
                 try:
-                    await asyncio.wait_for(changed.wait(), _ALIVE_S)
+                    await asyncio.wait_for(changed.wait(), ALIVE_S)
                 except TimeoutError:
                     yield ": still being processed\n\n"
             if saving.state != "working" and not changed.is_set():
@@ -332,7 +325,7 @@ async def _download(request: Request) -> Response:
     """The zip file, or the one photo or clip."""
     result = _saving(request).result
     if result is None:
-        raise Missing("this file does not exist, or is not finished")
+        raise Refused("this file does not exist, or is not finished", 404)
     return FileResponse(result, filename=result.name, headers={"unshutter-name": _header(result.name)})
 
 
@@ -416,8 +409,9 @@ async def _refusal(request: Request, error: Exception) -> Response:
     if isinstance(error, HTTPException):
         return _line(error.detail, error.status_code, error.headers)
     if isinstance(error, UnshutterError):
-        status = next(status for kind, status in _STATUSES.items() if isinstance(error, kind))
-        return JSONResponse({**refusal(error), **_help_with(request, error)}, status, _HEADERS.get(status))
+        status = error.status if isinstance(error, Refused) else 400 if isinstance(error, UsageError) else 422
+        headers = {"retry-after": "1"} if status == 503 else None
+        return JSONResponse({**refusal(error), **_help_with(request, error)}, status, headers)
     if isinstance(error, OSError):  # for example, a full disc
         return _line(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):

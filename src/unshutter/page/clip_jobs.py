@@ -49,7 +49,7 @@ from unshutter.video.file.stages import Stage
 from unshutter.video.render.clip_motion import MovingFrame, with_motion
 from unshutter.video.render.enlargement import Enlargement
 from unshutter.video.render.frame_warper import Warper
-from unshutter.video.render.rendering import Rendering, expected, with_hidden_borders, with_steady_views
+from unshutter.video.render.rendering import Rendering, expected, with_views
 from unshutter.video.render.stabilisation import CameraPath
 
 if TYPE_CHECKING:
@@ -58,10 +58,8 @@ if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8
 
 _AROUND = 12  # frames on each side of a moment used to estimate its motion
-_EXCERPT_S = 8.0  # longest video
-_EXCERPT_FRAMES = 480
+_EXCERPT_S = 8.0  # longest video; shorter above 60 frames a second
 _EXCERPT_SIDE = 640  # px, longer side of either half
-_QUALITY = "22"  # constant quality at any bit rate: with a fixed bit rate, VP9's fastest setting shows blocks
 
 
 def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, JsonObject]:
@@ -266,17 +264,13 @@ def _pairs(
     request = ClipRequest.of(clip, options, progress_of(open_file))
     start_s, end_s = request.span
     first = max(_moment_time(clip, options, moment) - _EXCERPT_S / 2, start_s)
-    last = min(first + min(_EXCERPT_S, _EXCERPT_FRAMES * clip.interval_s), end_s)
+    last = min(first + min(_EXCERPT_S, 480 * clip.interval_s), end_s)
     part = replace(options, undo=replace(options.undo, model="camera"), start=first, end=last)
     request.work.expect(expected(replace(request, options=part), RectifyFrames()) | {Stage.ENCODE: 0})
     camera, decision = _shown_decision(open_file, request)
     request = camera.complete(replace(request, options=part))
     request.work.expect(dict.fromkeys(Stage, 0) | expected(request, decision) | {Stage.ENCODE: 0})
-    rendering = Rendering(request, camera, decision)
-    if options.steadiness.stabilize is not None:
-        rendering = with_steady_views(rendering)
-    if options.may_enlarge:
-        rendering = with_hidden_borders(rendering)
+    rendering = with_views(Rendering(request, camera, decision))
     undo = _shown_undo(part)
     steps = request.steps("film", Stage.DRAW)
     for moving in rendering.moving(clip.frames_between(first, last)):
@@ -293,7 +287,8 @@ def _pairs(
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], interval_s: float) -> None:
-    # a sixth of the work of VP8's fastest setting; keyframes are frequent enough for scrubbing
-    settings = {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "g": "15", "crf": _QUALITY, "b": "0"}
+    # a sixth of the work of VP8's fastest setting; keyframes are frequent enough for scrubbing; constant quality at any
+    # bit rate, since at a fixed one VP9's fastest setting shows blocks
+    settings = {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "g": "15", "crf": "22", "b": "0"}
     with av().open(str(file), "w", format="webm") as container:
         encode_pairs(container, pairs, interval_s, "libvpx-vp9", settings)

@@ -22,7 +22,6 @@ from unshutter.storage.files import NEVER_FOLLOW, lock, written_whole
 KEY = "unshutter-key"  # header of a request for a tab
 _LOCK = "lock"
 _PAGE = "page.json"
-_PATIENCE_S = 5.0  # for the answer of a running page
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class RunningPage:
             only it could write there.
         """
         headers = {"Authorization": f"Bearer {self.token}", KEY: self.key}
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=_PATIENCE_S)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=5)
         with suppress(OSError, http.client.HTTPException), closing(connection):
             connection.request("POST", f"/api/tabs/{id}", json.dumps([str(path) for path in files]), headers)
             connection.getresponse().read()

@@ -17,11 +17,8 @@ from unshutter.page.instance import RunningPage, described_page, state_folder
 from unshutter.progress import tell
 from unshutter.storage.files import check_plain
 
-_START_S = 60.0  # a slow disc may need seconds to load the program
 # flags on Windows of a process that a closed terminal does not end
 _ON_ITS_OWN = subprocess.DETACHED_PROCESS | subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0
-_LOOK_S = 0.05
-_LOG = "page.log"
 
 
 def open_page(paths: Iterable[Path]) -> int:
@@ -44,7 +41,9 @@ def _files_at(path: Path) -> list[Path]:
     check_plain(path)
     if path.is_dir():
         known = {*SUFFIXES, *VIDEO_FORMATS}
-        files = [each.absolute() for each in sorted(path.rglob("*")) if _is_shown(each, path, known)]
+        named = [file for file in sorted(path.rglob("*")) if file.suffix.lower() in known and file.is_file()]
+        shown = (file for file in named if not any(part.startswith(".") for part in file.relative_to(path).parts))
+        files = [file.absolute() for file in shown]
         if not files:
             raise UnshutterError("there are no photos or clips in {folder}", folder=path)
         return files
@@ -55,15 +54,10 @@ def _files_at(path: Path) -> list[Path]:
     return [path.absolute()]
 
 
-def _is_shown(file: Path, folder: Path, known: set[str]) -> bool:
-    hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
-    return file.suffix.lower() in known and not hidden and file.is_file()
-
-
 def _started_page(folder: Path, id: str, files: Sequence[Path]) -> tuple[RunningPage, Path]:
     """Starts a server that outlives this process; returns it, and its tab with files, once it answers."""
     program = [sys.executable] if getattr(sys, "frozen", False) else [sys.executable, "-m", "unshutter"]
-    log = folder / _LOG
+    log = folder / "page.log"
     with log.open("w", encoding="utf-8") as errors:
         process = subprocess.Popen(
             [*program, "serve", "--until-closed", "--port", "0"],
@@ -74,7 +68,7 @@ def _started_page(folder: Path, id: str, files: Sequence[Path]) -> tuple[Running
             creationflags=_ON_ITS_OWN,
             start_new_session=True,  # where these flags do not exist
         )
-    deadline = time.monotonic() + _START_S
+    deadline = time.monotonic() + 60  # a slow disc may need seconds to load the program
     while time.monotonic() < deadline:
         page = described_page(folder)
         tab = page and page.new_tab(folder, id, files)
@@ -82,6 +76,6 @@ def _started_page(folder: Path, id: str, files: Sequence[Path]) -> tuple[Running
             return page, tab
         if process.poll():  # 0: another start was faster, and its page is about to answer
             break
-        time.sleep(_LOOK_S)
+        time.sleep(0.05)
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     raise UnshutterError(lines[-1].removeprefix("unshutter: ") if lines else "the page did not start in time")

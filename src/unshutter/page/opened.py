@@ -23,7 +23,6 @@ T = TypeVar("T")
 Kind: TypeAlias = Literal["photo", "clip"]
 
 MOMENTS = 5  # number of moments of a clip that are shown
-_NOTE_S = 0.2  # between progress updates
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class ProgressFile(ClipObserver):
         """Writes what is known now, at most a few times a second."""
         self._now |= news
         now_s = time.monotonic()
-        if now_s - self._noted_s >= _NOTE_S or at_once:
+        if now_s - self._noted_s >= 0.2 or at_once:
             self._noted_s = now_s
             put_text(self.file, json.dumps(self._now))
 

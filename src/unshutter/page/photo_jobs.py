@@ -43,7 +43,6 @@ from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
 from unshutter.single.register import load
 from unshutter.storage.targets import Target, TargetKind
 
-_CURVE_POINTS = 41
 _RIM = 2  # px around a crop that a browser may blend with those in it
 _ROUNDED = 1e-6  # by which rounding may move a border between two pixels
 NAME = "by-hand"  # recorded as the estimator of motions set by hand
@@ -260,7 +259,7 @@ def _finding_json(verdict: Verdict) -> JsonObject:
     found = verdict.finding
     motion = found.motion
     roll_deg, tilt_deg = (None if angle is None else angle.deg for angle in (found.roll, found.tilt))
-    rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
+    rows = np.linspace(0, motion.height - 1, 41).round().astype(int)
     return {
         "attitude": {"roll_deg": roll_deg, "tilt_deg": tilt_deg, "from": found.attitude_from},
         "film": reason_json(found.video_unused) if found.video_unused else None,

@@ -9,18 +9,19 @@ import shutil
 import unicodedata
 import zipfile
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options.clip_options import RectifyClip
 from unshutter.options.picture_formats import of_suffix
 from unshutter.page.jobs import clip_jobs, photo_jobs
 from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions, refusal
-from unshutter.page.store import Busy, Missing, OpenFile, ServerState, Urgency
+from unshutter.page.store import OpenFile, Refused, ServerState, Urgency
 from unshutter.reasons import JsonObject
 from unshutter.run.inputs import MOST_BYTES, fitting, picture_name, unchanged_name, video_name
 
@@ -181,7 +182,7 @@ class SaveTasks:
     def get(self, id: str) -> Saving:
         """Returns the task with this id."""
         if id not in self._savings:
-            raise Missing("this task is unknown: the server may have been restarted")
+            raise Refused("this task is unknown: the server may have been restarted", 404)
         return self._savings[id]
 
     def _files(self, item: Item) -> Iterator[OpenFile]:
@@ -197,7 +198,7 @@ class SaveTasks:
             del self._savings[saving.id]
             saving.forget()
         if len(self._savings) >= _MOST_KEPT:
-            raise Busy("too many files are being saved at once: wait until one is finished")
+            raise Refused("too many files are being saved at once: wait until one is finished", 503)
 
 
 def _named(open_file: OpenFile) -> JsonObject:
@@ -223,20 +224,17 @@ def photo_result(name: str, format: str | None) -> str:
 
 def clip_result(name: str) -> str:
     """Returns the name of a clip's result: ``walk.rectified.mp4``."""
-    from unshutter.video.file.video_writer import check_ending
-
     pure = PurePosixPath(name)
-    try:
-        check_ending(pure.suffix)
-    except UnshutterError:
-        problem = f"the name '{name}' has no extension: add one such as .mp4"
-        raise UsageError(problem) from None
+    if pure.suffix.lower() not in VIDEO_FORMATS:
+        raise UsageError(f"the name '{name}' has no extension: add one such as .mp4")
     return video_name(pure)
 
 
 def free_name(folder: Path, name: str, taken: Iterable[str]) -> Path:
     """Returns a path for a result in a folder: ``a.rectified.jpg``, or ``a.rectified-2.jpg`` if the first is taken."""
-    most = _most_bytes(folder)
+    most = MOST_BYTES
+    with suppress(AttributeError, OSError, ValueError):  # Windows, and file systems that do not report it
+        most = min(os.pathconf(folder, "PC_NAME_MAX"), MOST_BYTES)
     occupied = {_comparable(other) for other in taken}
     number = 1
     path = folder / fitting(name, most=most)
@@ -244,13 +242,6 @@ def free_name(folder: Path, name: str, taken: Iterable[str]) -> Path:
         number += 1
         path = folder / fitting(name, f"-{number}", most)
     return path
-
-
-def _most_bytes(folder: Path) -> int:
-    try:
-        return min(os.pathconf(folder, "PC_NAME_MAX"), MOST_BYTES)
-    except (AttributeError, OSError, ValueError):  # Windows, and file systems that do not report it
-        return MOST_BYTES
 
 
 def _comparable(name: str) -> str:

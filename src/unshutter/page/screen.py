@@ -14,8 +14,6 @@ from unshutter.photo import Photo
 from unshutter.photo.libvips import as_image, refusing
 from unshutter.photo.photo import open_photo
 
-_QUALITY = 88  # of JPEGs
-
 # readout directions in the stored picture as (right, down), by quarter turns; names of those in the upright picture
 _READ = ((0, 1), (-1, 0), (0, -1), (1, 0))
 _ARROWS = {(0, 1): "down", (0, -1): "up", (1, 0): "right", (-1, 0): "left"}
@@ -41,7 +39,7 @@ def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.nda
 def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
     """Encodes stored pixels as an upright JPEG for the screen."""
     with refusing("cannot encode the copy for the screen"):
-        return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
+        return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=88, keep=0)
 
 
 def shares(col: ArrayLike, row: ArrayLike, size: tuple[int, int], orientation: int) -> np.ndarray:

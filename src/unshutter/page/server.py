@@ -11,23 +11,20 @@ import socket
 import threading
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from unshutter import version
+import uvicorn.server
+
 from unshutter.errors import UnshutterError
+from unshutter.page.app import application
+from unshutter.page.guard import Connection
 from unshutter.page.instance import RunningPage, described_page, only_page, publish, state_folder
 from unshutter.page.launch import open_page
 from unshutter.page.settings import Settings
 from unshutter.page.store import ServerState, temporary_folder
+from unshutter.page.tabs import Tabs
 from unshutter.progress import tell
 
-if TYPE_CHECKING:
-    import uvicorn
-
-    from unshutter.page.tabs import Tabs
-
 _MOST_CONNECTIONS = 100
-_WAIT_S = 2  # grace period for open responses at shutdown
 
 
 def serve(settings: Settings) -> int:
@@ -45,15 +42,6 @@ def serve(settings: Settings) -> int:
 
 def _serve(settings: Settings, home: Path | None = None) -> int:
     """Serves the page; with a folder, as the one that ``unshutter open`` finds, and until its last tab is closed."""
-    try:
-        import uvicorn.server
-
-        from unshutter.page.app import application
-        from unshutter.page.guard import Connection
-        from unshutter.page.tabs import Tabs
-    except ImportError as error:
-        raise UnshutterError(f"the page needs the extra: {version.extra('web')} ({error})") from None
-
     token = settings.token or secrets.token_urlsafe(18)
     logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # nobody needs a log of requests
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
@@ -70,7 +58,7 @@ def _serve(settings: Settings, home: Path | None = None) -> int:
             ws="none",
             http=Connection,
             limit_concurrency=_MOST_CONNECTIONS,
-            timeout_graceful_shutdown=_WAIT_S,
+            timeout_graceful_shutdown=2,
         )
         hangup = getattr(signal, "SIGHUP", None)  # not available on Windows
         if hangup is not None and signal.getsignal(hangup) not in (None, signal.SIG_IGN):

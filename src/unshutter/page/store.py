@@ -38,27 +38,19 @@ from unshutter.storage.files import lock
 
 R = TypeVar("R")
 
-LANES = min(max(os.cpu_count() or 1, 2), 4)
-_MOST_FILES, _ROOM = 1000, 10  # open files at most; their total size, as a multiple of the largest file allowed
-_MOST_WAITING = 48
-_TIMEOUT_S = 600.0
-_REST_S = 120.0
-_MOST_CLIPS, _CLIP_TIMEOUT_S, _CLIP_REST_S = 8, 86_400.0, 5.0  # for whole clips
-
 _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
 _VIDEO = re.compile(r"\.[a-z0-9]{2,5}")  # plausible suffix of a clip
 
 _UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
-_LONGEST_NAME, _LONGEST_SUFFIX = 120, 10  # characters
 
 
-class Full(UnshutterError):
-    """There is no room for another photo or clip."""
+class Refused(UnshutterError):
+    """The server cannot do what is asked; ``status`` is that of the response."""
 
-
-class Missing(UnshutterError):
-    """The requested photo, clip or result does not exist or is no longer open."""
+    def __init__(self, message: str, status: int):
+        super().__init__(message, status)
+        self.status = status
 
 
 @dataclass
@@ -73,11 +65,10 @@ class ServerState:
     @classmethod
     def open(cls, settings: Settings, folder: Path) -> ServerState:
         """Creates the state with no open files; ``folder`` is where they will be stored."""
-        store = Store(
-            folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes), settings.max_pixels
-        )
-        workers = WorkerPool(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S)
-        return cls(settings, store, workers, WorkerPool(1, _CLIP_TIMEOUT_S, _MOST_CLIPS, _CLIP_REST_S))
+        most_bytes = 10 * max(settings.max_bytes, settings.max_clip_bytes)
+        store = Store(folder, most_files=1000, most_bytes=most_bytes, max_pixels=settings.max_pixels)
+        workers = WorkerPool(min(max(os.cpu_count() or 1, 2), 4), timeout_s=600, most_waiting=48, rest_s=120)
+        return cls(settings, store, workers, WorkerPool(1, timeout_s=86_400, most_waiting=8, rest_s=5))
 
     def close(self) -> None:
         """Stops all workers."""
@@ -107,9 +98,10 @@ class Store:
     async def add(self, name: str, data: AsyncIterator[bytes], kind: Kind = "photo", size: int = 0) -> OpenFile:
         """Stores an uploaded file, piece by piece; its size [bytes] is 0 if not known in advance."""
         if len(self._sizes) >= self.most_files:
-            raise Full(f"{self.most_files} files are open already: close some of them")
+            raise Refused(f"{self.most_files} files are open already: close some of them", 413)
         if size > shutil.disk_usage(self.folder).free:
-            raise Full(f"no disc space is left in {self.folder.parent}: set TMPDIR to a folder on a larger disc")
+            line = f"no disc space is left in {self.folder.parent}: set TMPDIR to a folder on a larger disc"
+            raise Refused(line, 413)
         id = secrets.token_urlsafe(9)
         name = clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
@@ -123,7 +115,8 @@ class Store:
                     file.write(piece)
                     self._sizes[id] += len(piece)
                     if sum(self._sizes.values()) > self.most_bytes:
-                        raise Full(f"the open files have more than {self.most_bytes / 1e6:g} MB: close some of them")
+                        line = f"the open files have more than {self.most_bytes / 1e6:g} MB: close some of them"
+                        raise Refused(line, 413)
             if not self._sizes[id]:
                 raise UnshutterError(f"{name} is empty (0 bytes)")
         except OSError as error:
@@ -138,7 +131,7 @@ class Store:
     def get(self, id: str) -> OpenFile:
         """Returns the photo or clip with this id."""
         if id not in self._open:
-            raise Missing("this file is no longer open: drop it on the page again")
+            raise Refused("this file is no longer open: drop it on the page again", 404)
         return self._open[id]
 
     def remove(self, open_file: OpenFile) -> None:
@@ -189,14 +182,14 @@ def _remove_leftovers() -> None:
 
 
 def clean_name(name: str, otherwise: str = "photo") -> str:
-    """Returns the last component of a file name, without path separators or characters that are not text."""
+    """Returns the last component of a file name, without path separators or characters that are not text, shortened."""
     last = re.split(r"[/\\]", name)[-1]
     last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
     stem, _, suffix = last.rpartition(".")
-    if not suffix or len(suffix) > _LONGEST_SUFFIX or last == suffix:
+    if not suffix or len(suffix) > 10 or last == suffix:
         stem = last
         suffix = ""
-    stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or otherwise
+    stem = stem.lstrip(".")[: 120 - len(suffix)].strip() or otherwise
     return f"{stem}.{suffix}" if suffix else stem
 
 
@@ -219,10 +212,6 @@ class Urgency(IntEnum):
 
     NOW = 0  # a user is waiting at the screen
     LATER = 1
-
-
-class Busy(UnshutterError):
-    """The job queue is full."""
 
 
 class _Worker:
@@ -305,7 +294,7 @@ class WorkerPool:
 
     async def _free_lane(self, urgency: Urgency) -> _Worker:
         if len(self._waiting) >= self._most_waiting:
-            raise Busy("too many requests at once: try again in a moment")
+            raise Refused("too many requests at once: try again in a moment", 503)
         rotation: asyncio.Future[_Worker] = asyncio.get_running_loop().create_future()
         heapq.heappush(self._waiting, (urgency, next(self._numbers), rotation))
         self._assign()

@@ -26,7 +26,7 @@ from unshutter.page.instance import KEY, forget_link, write_link
 if TYPE_CHECKING:
     from unshutter.page.settings import Settings
 
-_ALIVE_S = 15.0  # between keep-alive messages
+ALIVE_S = 15.0  # between keep-alive messages
 
 
 @dataclass
@@ -72,7 +72,7 @@ class Tabs:
             while not self._ended.is_set():
                 yield ": unshutter is running\n\n"
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(self._ended.wait(), _ALIVE_S)
+                    await asyncio.wait_for(self._ended.wait(), ALIVE_S)
         finally:
             self._held -= 1
 

@@ -25,10 +25,6 @@ from unshutter.photo.regions import is_panorama
 _LENS_MODEL = 0xA434
 _APPLE_VECTOR = 0x0008
 _GRAVITY_IN_G = (0.94, 1.06)  # of a phone at rest; edited files contain arbitrary values
-_LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane; below it, the upward direction is unclear
-# a quarter turn is recognised by
-_CLEAR_SHARE = 0.5  # the least share of gravity in the picture's plane
-_CLEAR_DEG = 25.0  # the largest deviation from it
 
 
 @dataclass(frozen=True)
@@ -69,14 +65,14 @@ def _in_picture(
     right, down, forward = gravity
     tilt = -math.degrees(math.atan2(forward, math.hypot(right, down)))
     upright = math.cos(math.radians(tilt))  # share of gravity in the picture's plane
-    if upright < _LEAST_UPRIGHT:
+    if upright < 0.35:  # the upward direction is unclear
         return Attitude(None, tilt, source)
     roll = math.degrees(math.atan2(right, down)) - 90 * orientation.quarter_turns
     roll = 180 - (180 - roll) % 360  # in (-180, 180]
     if abs(roll) <= MOST_ROLL_DEG:
         return Attitude(roll, tilt, source)
     off_quarter = roll - math.copysign(90, roll)
-    is_clear = upright >= _CLEAR_SHARE and abs(off_quarter) <= _CLEAR_DEG
+    is_clear = upright >= 0.5 and abs(off_quarter) <= 25.0  # of a quarter turn
     if orientation is Orientation.NORMAL and height > width and is_clear:
         # sensors are landscape: software has rotated these pixels upright, without noting it in the tag
         scan_direction = ScanDirection.RIGHT_TO_LEFT if roll > 0 else ScanDirection.LEFT_TO_RIGHT

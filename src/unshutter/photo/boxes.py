@@ -22,8 +22,6 @@ from unshutter.photo.chunks import OTHER
 from unshutter.photo.libvips import Source
 
 _HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a 64-bit size
-_LONGEST_READ = 1 << 24  # bytes: headers of pictures take a few thousand
-_MOST_BOXES = 10_000  # at the top level of a file: pictures have a handful
 _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
 
 
@@ -35,7 +33,7 @@ def top_level(file: BinaryIO, kind: bytes) -> bytes:
     for name, start, end in top_level_extents(file):
         if name == kind:
             file.seek(start)
-            return file.read(min(end - start, _LONGEST_READ))
+            return file.read(min(end - start, 1 << 24))  # bytes: headers of pictures take a few thousand
     raise KeyError(kind)
 
 
@@ -46,7 +44,7 @@ def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
     """
     length = file.seek(0, io.SEEK_END)
     at = 0
-    for _ in range(_MOST_BOXES):
+    for _ in range(10_000):  # at the top level of a file: pictures have a handful
         if at + _HEAD > length:
             return
         file.seek(at)
@@ -116,7 +114,9 @@ def read_coding(file: BinaryIO) -> BoxCoding:
     """Reads the properties of the primary picture (boxes pitm, ipco, ipma); defaults if damaged."""
     try:
         meta = in_meta(file)
-        listed = _properties(meta, _primary(meta))
+        iprp = dict(inside(meta[b"iprp"]))
+        properties = list(inside(iprp[b"ipco"]))
+        listed = [properties[i - 1] for i in _associations(iprp[b"ipma"], _primary(meta)) if i]
         own = dict(listed)
         colours = [
             struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")
@@ -146,13 +146,6 @@ def _orientation(own: dict[bytes, bytes]) -> Orientation:
 
 def _primary(meta: dict[bytes, bytes]) -> int:
     return struct.unpack_from(">I" if meta[b"pitm"][0] else ">H", meta[b"pitm"], 4)[0]
-
-
-def _properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]]:
-    """Returns (type, content) of an item's properties; raises KeyError, IndexError or struct.error if damaged."""
-    iprp = dict(inside(meta[b"iprp"]))
-    listed = list(inside(iprp[b"ipco"]))
-    return [listed[i - 1] for i in _associations(iprp[b"ipma"], item) if i]
 
 
 def _associations(ipma: bytes, item: int) -> list[int]:

@@ -59,7 +59,6 @@ _USUAL_GAMMA = struct.pack(">I", 45455)
 _USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
 _LARGEST = 1 << 26  # most data of a chunk [bytes]
 _MOST = 10_000  # most chunks
-_MOST_BYTES = 1 << 27  # most data of all chunks [bytes]
 _LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
 
 
@@ -79,7 +78,7 @@ def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
     """Yields all chunks of a PNG, including those after the pixels, except for names to skip."""
     file.seek(SIGNATURE_BYTES)
     count = 0
-    left = _MOST_BYTES
+    left = 1 << 27  # most data of all chunks [bytes]
     while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
         length, name = struct.unpack(">I4s", head)
         if name in skipped:
@@ -151,9 +150,7 @@ APP13 = 0xED
 APP14 = 0xEE
 COMMENT = 0xFE
 LONGEST = 65_533  # bytes of content
-_MOST_FILL = 1 << 16  # bytes before a marker
 _IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, unlike restart markers
-_MOST_BEHIND = 64  # pieces that are examined behind the picture
 _FILL = b"\0\xff \r\n\t"
 
 
@@ -175,7 +172,7 @@ def _marker(file: BinaryIO) -> int | None:
     """Reads the next marker, which any number of bytes 0xFF may precede; returns None if there is none."""
     if file.read(1) != b"\xff":
         return None
-    for _ in range(_MOST_FILL):
+    for _ in range(1 << 16):  # bytes that fill
         if (byte := file.read(1)) != b"\xff":
             return byte[0] if byte else None
     return None
@@ -188,7 +185,7 @@ def bytes_behind(file: BinaryIO) -> int:
     while (marker := _after_segment(file)) not in (None, END):
         pass
     at = file.tell()
-    if marker is None or not any(file.read(_PIECE).strip(_FILL) for _ in range(_MOST_BEHIND)):
+    if marker is None or not any(file.read(_PIECE).strip(_FILL) for _ in range(64)):  # pieces
         return 0
     return file.seek(0, io.SEEK_END) - at
 
@@ -226,7 +223,6 @@ IPTC_TAG = 33723
 RESOURCES_TAG = 34377
 RESOURCES_PREFIX = b"Photoshop 3.0\0"
 _IPTC = 1028
-_THUMBNAILS = (1033, 1036)
 
 
 def resources_of_tiff(tree: Tree) -> bytes | None:
@@ -275,7 +271,7 @@ def without_thumbnails(resources: bytes) -> bytes:
     end = 0
     for kind, _, block in resource_blocks(blocks):
         end += len(block)
-        kept += [] if kind in _THUMBNAILS else [block]
+        kept += [] if kind in (1033, 1036) else [block]  # thumbnails
     return prefix + b"".join(kept) + blocks[end:]
 
 

@@ -22,11 +22,6 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
-_HEAD_BYTES = 64
-# A picture this large with fewer bits per pixel has a single colour: made to exhaust memory, not by a camera.
-_MANY_PIXELS = 100_000_000
-_LEAST_BITS = 0.03
-
 
 def read_header(source: Source, max_pixels: int) -> Header:
     """Reads the header of encoded data."""
@@ -43,7 +38,8 @@ def read_header(source: Source, max_pixels: int) -> Header:
         raise UnshutterError(
             f"{{photo}} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels", photo=source
         )
-    if pixels >= _MANY_PIXELS and 8 * length < _LEAST_BITS * pixels:
+    # so large a picture with so few bits per pixel has a single colour: made to exhaust memory, not by a camera
+    if pixels >= 100_000_000 and 8 * length < 0.03 * pixels:
         raise UnshutterError(f"{{photo}} is not a photo: {size} cannot come from {length} bytes", photo=source)
     return header
 
@@ -56,7 +52,7 @@ def recognise(source: Source) -> Format:
         raise UnshutterError("{photo} contains several pictures (MPO): unshutter takes single photos", photo=source)
     try:
         with source.stream() as stream:
-            head = stream.read(_HEAD_BYTES)
+            head = stream.read(64)
         format = next((one for one in FORMATS.values() if one.recognises(source, head)), None)
     except FileNotFoundError as error:
         raise MissingFileError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
@@ -83,8 +79,6 @@ def _is_video(head: bytes) -> bool:
 
 
 # ---- pixels ------------------------------------------------------------------------------------------
-
-_NEARLY = 1.1  # a grey copy may be this many times smaller than requested if that is cheaper
 
 
 class Decoder:
@@ -162,7 +156,8 @@ class Decoder:
         """Returns the factor by which the data may be reduced in decoding for such a grey copy."""
         height, width = grey_size(self._height, self._width, short_side)
         scale = max(height / self._height, width / self._width)
-        return next((n for n in self._header.format.shrinks if n * scale <= _NEARLY), 1)
+        # a grey copy may be this many times smaller than requested if that is cheaper
+        return next((n for n in self._header.format.shrinks if n * scale <= 1.1), 1)
 
     def _decode(self, shrink: int = 1) -> np.ndarray:
         with self.source.unchanged():

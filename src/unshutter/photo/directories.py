@@ -33,12 +33,6 @@ VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 
 # Numeric types, with their letters in struct; fractions consist of two each.
 _NUMBER = {1: "B", 3: "H", 4: "I", 5: "I", 6: "b", 8: "h", 9: "i", 10: "i", 11: "f", 12: "d", 13: "I"}
 _FRACTIONS = (5, 10)
-_MOST_NUMBERS = 1000  # in a tag that is read as numbers; longer ones are tables, or malicious
-_MOST_TAGS = 65_535
-# No photo has more; a damaged or malicious file may claim it.
-_MAX_TREE_BYTES = 1 << 28
-_MAX_PAGES = 1000
-_SMALL_BYTES = 1 << 16
 
 
 class Layout(NamedTuple):
@@ -112,7 +106,8 @@ class Tree:
         Empty if the tag is absent, not numeric, or a long table; a fraction with denominator zero is NaN.
         """
         entry = self.entry(tag, *path)
-        if entry is None or entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
+        # longer ones are tables, or malicious
+        if entry is None or entry.kind not in _NUMBER or not 0 < entry.count <= 1000:
             return ()
         count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
         values = struct.unpack(f"{self.order}{count}{_NUMBER[entry.kind]}", entry.data)
@@ -153,7 +148,7 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int, layout: Layo
         yield Slot(place, tag, kind, values, place + to_value)
 
 
-def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
+def read_tree(file: BinaryIO, most_pages: int = 1000, first_at: int | None = None) -> Tree | None:
     """Reads the directories of a TIFF, a BigTIFF or an EXIF blob without prefix; skips entries with invalid offsets.
 
     Reading begins at the first directory or at ``first_at``, and ends after so many pages. Returns None if nothing can
@@ -188,8 +183,8 @@ class _Reader:
         self.order = order
         self.layout = layout
         self.length = file.seek(0, io.SEEK_END)
-        # Values in a valid file do not overlap; many that point to the same place could exhaust memory.
-        self.bytes_left = min(_MAX_TREE_BYTES, 2 * self.length + _SMALL_BYTES)
+        # No photo has more; and values in a valid file do not overlap: many at one place could exhaust memory.
+        self.bytes_left = min(1 << 28, 2 * self.length + (1 << 16))
         self.note_at: int | None = None
         self.visited: set[int] = set()  # detects directories that contain loops, or are shared
 
@@ -202,7 +197,7 @@ class _Reader:
         layout = self.layout
         try:
             (count,) = struct.unpack(self.order + layout.count, self.file.read(struct.calcsize("=" + layout.count)))
-            if count > _MOST_TAGS:
+            if count > 65_535:
                 return None
             table = self.file.read(layout.entry_bytes * count + layout.offset_bytes)
             (following,) = struct.unpack_from(self.order + layout.offset, table, layout.entry_bytes * count)

@@ -30,9 +30,7 @@ _VIDEO = 0x0A30  # number of the block MotionPhoto_Data
 _STILL_VALID = (_VIDEO, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
 _HEAD = b"SEFH"
 _FOOT = b"SEFT"
-_LONGEST_DIRECTORY = 1 << 16  # bytes
 _BOX = b"mpvd"  # in a HEIC
-_MAX_VIDEO_BYTES = 1 << 28  # bytes
 _MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
 
 
@@ -74,7 +72,7 @@ def videos_beside(photo: Path) -> list[Path]:
 def _video_in_boxes(source: Source) -> bytes | None:
     with source.stream() as file:
         for name, start, end in boxes.top_level_extents(file):
-            if name == _BOX and end - start <= _MAX_VIDEO_BYTES:
+            if name == _BOX and end - start <= 1 << 28:
                 file.seek(start)
                 data = file.read(end - start)
                 return data if _is_video(data) else None
@@ -156,7 +154,7 @@ def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
     file.seek(max(end, 0))
     foot = file.read(8)
     length = int.from_bytes(foot[:4], "little")
-    if foot[4:] != _FOOT or not 12 <= length <= min(_LONGEST_DIRECTORY, end):
+    if foot[4:] != _FOOT or not 12 <= length <= min(1 << 16, end):
         return 0, [], 0
     file.seek(end - length)
     directory = file.read(length)

@@ -30,9 +30,8 @@ _CAMERA_TAGS = frozenset(
 )
 # Geographic position of the picture (OGC GeoTIFF 1.1), with GDAL's additions.
 _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
-_RESOLUTION = (0x011A, 0x011B)
+RESOLUTION = (0x011A, 0x011B)
 _RESOLUTION_UNIT = 0x0128
-_NO_UNIT = 1
 _INCH = 2
 _IMAGE_WIDTH = 0x0100
 _IMAGE_HEIGHT = 0x0101
@@ -43,11 +42,7 @@ _PIXEL_HEIGHT = 0xA003
 _FOCAL_35MM = 0xA405
 _SUBJECT_PLACES = (0x9214, 0xA214)  # SubjectArea, SubjectLocation [px]
 SOFTWARE = 0x0131
-_FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
-_LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF is limited to 65,527
 _ENTRY_BYTES = 12
-_MOST_DIRECTORIES = 1000
-_ROOM_IN_TIFF = 65_536  # bytes for directories, in addition to the values
 
 
 _UNITS = {_INCH: (25.4, "in"), 3: (10.0, "cm")}  # length [mm], and name in libvips, by EXIF's number
@@ -72,7 +67,7 @@ def has_loop(blob: bytes) -> bool:
     visited = set()
     while waiting:
         at = waiting.pop()
-        if at in visited or len(visited) > _MOST_DIRECTORIES:
+        if at in visited or len(visited) > 1000:
             return True
         visited.add(at)
         (count,) = struct.unpack_from(order + "H", data, at) if at + 2 <= len(data) else (0,)
@@ -105,7 +100,7 @@ def resolution(blob: bytes | None) -> tuple[float, float, str] | None:
     if (unit := _UNITS.get(tree.number(_RESOLUTION_UNIT) or _INCH)) is None:
         return None
     mm, name = unit
-    across, down = (next(iter(tree.numbers(tag)), 0.0) / mm for tag in _RESOLUTION)
+    across, down = (next(iter(tree.numbers(tag)), 0.0) / mm for tag in RESOLUTION)
     return (across, down, name) if across > 0 and down > 0 else None
 
 
@@ -126,7 +121,7 @@ def with_header(blob: bytes | None) -> bytes | None:
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
     """Returns the focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None if unknown."""
     focal_mm = read(blob).number(_FOCAL_35MM, tiff.EXIF)
-    return focal_mm * math.hypot(height, width) / _FULL_FRAME_DIAGONAL_MM if focal_mm else None
+    return focal_mm * math.hypot(height, width) / math.hypot(36, 24) if focal_mm else None
 
 
 # ---- conversion between blobs and TIFF files -----------------------------------------------------------
@@ -160,7 +155,8 @@ def add_to_tiff(
     target = tiff.read_tree(file)
     end = file.seek(0, io.SEEK_END)
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
-    if target is None or (target.layout is tiff.CLASSIC and end + length + _ROOM_IN_TIFF >= 1 << 32):
+    # with room for directories, in addition to the values
+    if target is None or (target.layout is tiff.CLASSIC and end + length + 65_536 >= 1 << 32):
         return False
     added = _of_the_camera(tree)
     maker_notes.complete(added, tree, (blob or b"").removeprefix(tiff.EXIF_PREFIX))
@@ -170,7 +166,7 @@ def add_to_tiff(
         for tag, size in ((_PIXEL_WIDTH, width), (_PIXEL_HEIGHT, height)):
             if tag in details:
                 details[tag] = tiff.Entry(4, 1, struct.pack(target.order + "I", size))
-    winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
+    winning = {tag: added[tag] for tag in (*RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
     whole = added | target.pages[0] | dict(more) | winning
@@ -186,7 +182,7 @@ def _of_the_camera(tree: tiff.Tree) -> tiff.Directory:
     first = tree.pages[0]
     camera_tags = {tag: value for tag, value in first.items() if is_carried(tag)}
     if has_no_resolution_unit(tree):
-        camera_tags |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
+        camera_tags |= {tag: first[tag] for tag in (*RESOLUTION, _RESOLUTION_UNIT) if tag in first}
     return camera_tags if tree.layout is tiff.CLASSIC else tiff.in_classic(camera_tags, tree.order)
 
 
@@ -197,7 +193,7 @@ def is_carried(tag: int) -> bool:
 
 def has_no_resolution_unit(tree: tiff.Tree) -> bool:
     """Whether the resolution is only a ratio of width to height."""
-    return tree.number(_RESOLUTION_UNIT) == _NO_UNIT
+    return tree.number(_RESOLUTION_UNIT) == 1
 
 
 def without_geotiff(blob: bytes | None) -> bytes | None:
@@ -305,7 +301,8 @@ def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> byt
     editor = _Editor(blob)
     if editor.second_at:
         editor.wipe_thumbnail()
-    if jpeg is not None and editor.link_at and len(editor.data) + len(jpeg) + 100 <= _LARGEST_WITH_THUMBNAIL:
+    # a JPEG's EXIF is limited to 65,527 bytes
+    if jpeg is not None and editor.link_at and len(editor.data) + len(jpeg) + 100 <= 65_000:
         start = editor.end()
         order = editor.order
         tags = ((_COMPRESSION, 3, 6), (_ORIENTATION, 3, orientation))  # 6: JPEG

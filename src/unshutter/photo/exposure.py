@@ -23,21 +23,13 @@ _SHUTTER_SPEED = 0x9201
 _CUSTOM_RENDERED = 0xA401
 _COMPOSITE = 0xA460
 _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
-# HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a maker-specific process, is Google's HDR
-_MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
 _PANORAMA = 6
-_MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while shooting
 _APPLE_HDR = 0x000A
-_IS_HDR = 3
 _EXPOSURE_MODE = 0xA402
-_BRACKET = 2
 _LENS_MODEL = 0xA434
 _FOCAL_35MM = 0xA405
 _FISHEYE = re.compile(r"fish-?\s?eye", re.IGNORECASE)
 _ACTION_CAMERA = re.compile(r"gopro|insta360|arashi vision|osmo ?action|sjcam|akaso", re.IGNORECASE)
-# focal lengths, of 35 mm video
-_LINEAR_MM = 20  # from here on, action cameras have straightened the lines
-_WIDEST_STRAIGHT_MM = 10
 _SETTINGS = 0x829D, 0x8827, 0x920A, 0x9206  # aperture, ISO, focal length, distance of the subject
 
 
@@ -76,8 +68,8 @@ def bends_lines(blob: bytes | None) -> bool:
     tree = exif.read(blob)
     name = f"{camera(blob)} {tree.text(_LENS_MODEL, EXIF)}"
     mm = tree.number(_FOCAL_35MM, EXIF) or 0
-    by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < _LINEAR_MM
-    return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < _WIDEST_STRAIGHT_MM
+    by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < 20  # with more, lines were straightened
+    return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < 10
 
 
 def is_panorama(blob: bytes | None) -> bool:
@@ -91,11 +83,12 @@ def is_merged(blob: bytes | None) -> bool:
     Blur then says less about motion: each exposure may have been sharper, or moved more, than the whole.
     """
     tree = exif.read(blob)
-    if tree.number(_CUSTOM_RENDERED, EXIF) in _MERGED_BY_CUSTOM_RENDERED:
+    # HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a maker-specific process, is Google's HDR
+    if tree.number(_CUSTOM_RENDERED, EXIF) in (1, 2, 3, 6, 7):
         return True
-    if tree.number(_COMPOSITE, EXIF) in _MERGED_BY_COMPOSITE:
+    if tree.number(_COMPOSITE, EXIF) in (2, 3):  # a composite; one made while shooting
         return True
-    return maker_notes.apple(blob).numbers(_APPLE_HDR) == (_IS_HDR,)
+    return maker_notes.apple(blob).numbers(_APPLE_HDR) == (3,)
 
 
 def setting(blob: bytes | None) -> tuple[object, ...] | None:
@@ -104,6 +97,6 @@ def setting(blob: bytes | None) -> tuple[object, ...] | None:
     Settings that are not recorded are empty.
     """
     tree = exif.read(blob)
-    if not tree or tree.number(_EXPOSURE_MODE, EXIF) == _BRACKET or is_merged(blob):
+    if not tree or tree.number(_EXPOSURE_MODE, EXIF) == 2 or is_merged(blob):
         return None
     return camera(blob), *(tree.numbers(tag, EXIF) for tag in _SETTINGS)

@@ -6,6 +6,7 @@ import io
 import math
 import os
 import re
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -71,8 +72,6 @@ class Source:
     def copy_to(self, path: Path) -> None:
         """Copies the data to a file; raises OSError on failure."""
         if isinstance(self.place, Path):
-            import shutil  # imported here: most photos are not copied
-
             if not self._file.exists():
                 raise MissingFileError("cannot read {photo}: it is no longer there", photo=self)
             with self.unchanged():
@@ -260,15 +259,14 @@ def computed(image: pyvips.Image) -> np.ndarray:
     """Computes the pixels [H, W, bands] of an image, read-only; raises ``pyvips.Error`` on failure."""
     shape = image.height, image.width, image.bands
     dtype, size = {"uchar": ("uint8", 1), "ushort": ("uint16", 2)}[str(image.format)]
-    if math.prod(shape) * size <= files.SPILL_BYTES:
-        data = image.write_to_memory()  # the long part; NumPy may be imported at the same time
-        import numpy as np
+    fits = math.prod(shape) * size <= files.SPILL_BYTES
+    data = image.write_to_memory() if fits else b""  # the long part; NumPy may be imported at the same time
+    import numpy as np
 
+    if fits:
         pixels = np.frombuffer(data, dtype).reshape(shape)
         pixels.setflags(write=False)
         return pixels
-    import numpy as np
-
     with files.nameless_file() as file:
         image.rawsave_target(libvips().Target.new_to_descriptor(file.fileno()))
         return np.memmap(file, dtype=dtype, mode="r", shape=shape)

@@ -18,11 +18,9 @@ from typing import NamedTuple
 from unshutter.photo import directories as tiff
 
 _APPLE = b"Apple iOS\0"
-_APPLE_ORDER_AT = 12
 _APPLE_DIRECTORY_AT = 14
 APPLE_CONTENT_IDENTIFIER = 0x0011
 _NIKON = b"Nikon\0\x02"  # its later notes
-_NIKON_HEAD = 10
 _NIKON_PREVIEW = 0x0011  # the directory of their preview
 
 
@@ -31,16 +29,14 @@ def apple(blob: bytes | None) -> tiff.Tree:
     tree = tiff.read_tree(io.BytesIO((blob or b"").removeprefix(tiff.EXIF_PREFIX)))
     entry = tree.entry(tiff.MAKER_NOTE, tiff.EXIF) if tree else None
     note = entry.data if entry else b""
-    order = "<" if note[_APPLE_ORDER_AT:_APPLE_DIRECTORY_AT] == b"II" else ">"
+    order = "<" if note[12:14] == b"II" else ">"
     directory = tiff.read_directory(note, _APPLE_DIRECTORY_AT, order) if note.startswith(_APPLE) else None
     return tiff.Tree(order, [directory or {}])
 
 
 # ---- notes that move -----------------------------------------------------------------------------------
 
-_STARTS = (0, 6, 8, 10, 12)  # bytes before the directory: none (Canon), a name and a version (Nikon, Olympus, Sony ...)
 _OPAQUE = 7  # TIFF type: bytes without a meaning
-_MOST_TAGS = 1000
 _UNUSED = (0, 0, 0)  # tag, TIFF type and number of values of an entry left empty by a camera
 _SURELY = 3  # this many values that all lie elsewhere in EXIF are not a coincidence
 _FOOTER_BYTES = 8  # Canon's notes may end with a TIFF header with the note's original position
@@ -74,7 +70,7 @@ def is_incomplete(tree: tiff.Tree) -> bool:
     if note is None or tree.note_at is None:
         return False
     if note.data.startswith(_NIKON):
-        return _preview_is_outside(note.data[_NIKON_HEAD:])
+        return _preview_is_outside(note.data[10:])  # after the name and version
     directory = _from_outside(note.data, tree.order, _offsets_begin(note.data, tree.note_at))
     return directory is not None and bool(directory.elsewhere)
 
@@ -146,7 +142,8 @@ def _from_outside(note: bytes, order: str, was_at: int) -> _Directory | None:
 
 def _directories(note: bytes, order: str, was_at: int) -> Iterator[_Directory]:
     """Yields every possible directory of a note: at each usual start, in either byte order."""
-    for start in _STARTS:
+    # bytes before the directory: none (Canon), a name and a version (Nikon, Olympus, Sony ...)
+    for start in (0, 6, 8, 10, 12):
         for each in (order, {"<": ">", ">": "<"}[order]):
             directory = _directory(note, each, start, was_at)
             if directory is not None:
@@ -159,7 +156,7 @@ def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory |
         return None
     (count,) = struct.unpack_from(order + "H", note, start)
     end = start + 2 + 12 * count
-    if not 0 < count <= _MOST_TAGS or end > len(note):
+    if not 0 < count <= 1000 or end > len(note):
         return None
     directory = _Directory(order, [], [], [], [])
     for slot in tiff.slots(note, order, start + 2, count):

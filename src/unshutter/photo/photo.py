@@ -407,11 +407,8 @@ def open_photo(argument: PhotoLike, max_pixels: int = MAX_PIXELS) -> Photo:
         if not isinstance(data, bytes):
             raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
         return replace(Photo.from_bytes(data, max_pixels), made_from=made_from)
-    import numpy as np
-
-    photo = Photo.from_array(_pixels(argument))
-    given = argument if _is_pillow(argument) else np.asarray(argument)
-    return replace(photo, given=given, made_from=made_from)
+    pixels, given = _pixels(argument)
+    return replace(Photo.from_array(pixels), given=given, made_from=made_from)
 
 
 def files_behind(argument: object) -> Sequence[Opened]:
@@ -435,23 +432,24 @@ def _is_pillow(argument: object) -> TypeGuard[Image]:
     return module is not None and isinstance(argument, module.Image)
 
 
-def _pixels(argument: object) -> np.ndarray:
-    """Returns uint8 or uint16 pixels of an array or a Pillow image."""
+def _pixels(argument: object) -> tuple[np.ndarray, np.ndarray | Image]:
+    """Returns uint8 or uint16 pixels of an array or a Pillow image, and that."""
     import numpy as np
 
     if _is_pillow(argument):
         if argument.mode not in _PILLOW_MODES:
             message = f"a Pillow image of mode {argument.mode} is not supported: convert it first, image.convert('RGB')"
             raise UnshutterError(message)
-        return np.asarray(argument)
+        return np.asarray(argument), argument
     array = np.asarray(argument)
     if array.ndim == 0 or array.dtype == object or array.dtype.kind in "SU":
         raise UnshutterError(f"a photo is {_TYPES}; got {type(argument).__name__}")
     if array.dtype in (np.uint8, np.uint16):
-        return array
+        return array, array
     if array.dtype.kind != "f":
         allowed = "uint8, uint16, or floating point from 0 to 1"
         raise UnshutterError(f"a photo needs pixels of type {allowed}, got {array.dtype}")
     if not (array.size and array.min() >= 0 and array.max() <= 1):  # also raised for NaN
         raise UnshutterError("pixels in floating point must lie between 0 and 1: scale them first, pixels / 255")
-    return np.rint(np.multiply(array, 65535, dtype=np.result_type(array, np.float32))).astype(np.uint16)  # not float16
+    scaled = np.multiply(array, 65535, dtype=np.result_type(array, np.float32))  # not float16
+    return np.rint(scaled).astype(np.uint16), array

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     import pyvips
 
 
-_THUMBNAIL_SIDE = 160  # px
-
-
 class Encoded(NamedTuple):
     """A picture as an encoded file."""
 
@@ -198,7 +195,7 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
 
 def _thumbnail(image: pyvips.Image) -> bytes:
     small = image.flatten() if image.hasalpha() else image
-    small = small.resize(min(_THUMBNAIL_SIDE / max(small.width, small.height), 1.0), kernel="linear")
+    small = small.resize(min(160 / max(small.width, small.height), 1.0), kernel="linear")
     return to_8_bits(small).jpegsave_buffer(Q=80, keep=0)
 
 

@@ -47,7 +47,6 @@ NAMESPACES = {
     "Iptc4xmpExt": "http://iptc.org/std/Iptc4xmpExt/2008-02-29/",
 }
 _PREFIX_OF = {uri: prefix for prefix, uri in reversed(NAMESPACES.items())}
-_MOST_ELEMENTS = 100_000
 _TAG_NAME = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"""\s*([^\s=/>]+)\s*=\s*("[^"]*"|'[^']*')""")
 _TAG_END = re.compile(rb"\s*(/?)>")
@@ -160,7 +159,7 @@ class _Reader:
 
     def _begin(self, name: str, values: dict[str, str]) -> None:
         self._elements += 1
-        if self._elements > _MOST_ELEMENTS:
+        if self._elements > 100_000:
             raise UnreadableError("it has too many elements")
         prefixes = [key[6:] for key in values if key.startswith("xmlns:")]
         for prefix in prefixes:

@@ -27,7 +27,6 @@ _FISHEYE: tuple[str, ...] = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_
 # COLMAP's model -> nerfstudio's, and gsplat's
 _NERFSTUDIO = {**dict.fromkeys(_BENT_LITTLE, "OPENCV"), **dict.fromkeys(_FISHEYE, "OPENCV_FISHEYE")}
 _GSPLAT = {**dict.fromkeys((*_BENT_LITTLE, "FULL_OPENCV"), "pinhole"), **dict.fromkeys(_FISHEYE, "fisheye")}
-_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # axes of the camera: y up, z backwards
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +185,8 @@ def _intrinsics(camera: ColmapCamera) -> dict[str, object]:
 
 
 def _camera_to_world(poses: PicturePoses, share: float) -> list[list[float]]:
-    return (np.linalg.inv(poses.at(share)) @ _TO_OPENGL).tolist()
+    # OpenGL's axes of the camera: y up, z backwards
+    return (np.linalg.inv(poses.at(share)) @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist()
 
 
 def _table(poses: CameraPoses) -> str:

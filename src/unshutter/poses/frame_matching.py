@@ -16,10 +16,8 @@ from unshutter.motion.rotations import rotation_vector
 from unshutter.motion.shapes import Float64
 
 _SPAN, _AROUND = 8, 60  # frames between pictures whose rotation is compared, and frames over which the mean is taken
-_MIN_PAIRS = 5  # fewer tell nothing
 _TELLS_RAD = np.deg2rad(0.4)  # rms of the rotations of the model: smaller ones tell nothing
 _FITS, _MATCHES, _CONTRADICTS = 0.7, 0.4, 1.0  # misfit: names are believed; others are; the clip is another one
-_MOST_PICTURES = 200  # for which other frames are compared
 _STRIDES = (2, 3)  # frames per picture are a multiple of one by these
 
 
@@ -96,7 +94,7 @@ class _Comparison:
         tracked = path.between(frames[self.first], frames[self.last])
         used = ~np.isnan(tracked[:, 0])
         posed = self.posed[used]
-        if len(posed) < _MIN_PAIRS:
+        if len(posed) < 5:  # fewer tell nothing
             return None
         signal = np.sum((posed - _smooth(posed, self.around)) ** 2, axis=1)
         if np.sqrt(signal.mean()) < _TELLS_RAD:
@@ -122,7 +120,7 @@ def _smooth(values: np.ndarray, count: int) -> np.ndarray:
 def _searched(rotations: np.ndarray, named: np.ndarray, path: _ClipPath) -> np.ndarray | None:
     """Searches evenly thinned frames whose rotations match those of the pictures, by the numbers or order of names."""
     best, found = _MATCHES, None
-    used = slice(0, _MOST_PICTURES)
+    used = slice(0, 200)
     for places in (named - named[0], np.arange(len(named))):
         longest = (len(path.parts) - 1) / max(places[-1], 1)
         strides = sorted({k / by for by in _STRIDES for k in range(by, int(longest * by) + 1)})

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.frames.frame_motion import AT_REST
 from unshutter.motion import RotationMotion
 from unshutter.motion.finding import Finding
@@ -132,7 +132,7 @@ class PictureRotations(FrameRotations):
             target = self._folder / path.parent / file
             if target.is_file():
                 return Finding.load(target)
-        raise MissingMotionError(f"no motion file {{file}} for {name}", file=self._folder / path.with_suffix(".json"))
+        raise MissingFileError(f"no motion file {{file}} for {name}", file=self._folder / path.with_suffix(".json"))
 
     def start_s(self, number: int) -> float:
         """See FrameRotations."""
@@ -145,10 +145,6 @@ class PictureRotations(FrameRotations):
     def joined(self, first: int, last: int) -> bool:
         """See FrameRotations."""
         return (last - first) * self._clock.interval_s <= _LONGEST_S
-
-
-class MissingMotionError(UnshutterError):
-    """There is no motion file for a picture."""
 
 
 def rotations_from(source: Path, clock: Clock | None) -> FrameRotations:

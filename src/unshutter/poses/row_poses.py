@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio, option
@@ -31,7 +31,6 @@ from unshutter.poses.frame_matching import match_frames
 from unshutter.poses.frame_rotations import (
     Clock,
     FrameRotations,
-    MissingMotionError,
     PictureCamera,
     rotations_from,
     rotations_in_picture,
@@ -204,7 +203,7 @@ def _frame_of(picture: ColmapPicture, number: int, source: FrameRotations, optio
     camera = picture.camera
     try:
         found = source.motion(picture.name, number)
-    except MissingMotionError:
+    except MissingFileError:
         return "no motion file"
     try:
         rotations = rotations_in_picture(found, _camera_of(picture))

@@ -10,9 +10,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from unshutter.motion import Motion
 from unshutter.motion.finding import Candidate, Finding
 from unshutter.motion.verdict import Verdict
+from unshutter.motion.warp import straighten, validity_mask
 from unshutter.options import LEAST_GOOD_CROP, Edges, PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.options.picture_formats import of_suffix
@@ -27,7 +30,6 @@ from unshutter.storage.files import write_file, written_whole
 from unshutter.storage.targets import Target, TargetKind, Written
 
 if TYPE_CHECKING:
-    import numpy as np
     from PIL.Image import Image
 
     from unshutter.motion.grid import Tile
@@ -87,8 +89,6 @@ class Result(ABC):
         pixels = self.photo.to_array()
         if self.original.given is None:
             return pixels
-        import numpy as np
-
         given = np.asarray(self.original.given)
         if not self.changed:
             return given.copy()
@@ -170,8 +170,6 @@ class Rectified(Result):
     @property
     def valid(self) -> np.ndarray:
         """Mask [H, W] bool of the pixels that the rolling-shutter photo shows (before any crop or fill)."""
-        from unshutter.motion.warp import validity_mask
-
         return validity_mask(self.motion, self.verdict.upright)
 
 
@@ -187,8 +185,6 @@ def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
     check_size(photo.height, photo.width)
     if not verdict.changes:
         return Rectified(photo, photo, verdict)
-    from unshutter.motion.warp import straighten
-
     result = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
     rectified = photo.with_pixels(result.pixels, placement(photo, verdict, result.window))
     return Rectified(rectified, photo, verdict, result.edges, result.area_left)

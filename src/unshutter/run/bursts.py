@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 _LONGEST_S = 0.201  # from one photo to the next; with more, a hand changes its speed too much (docs/research/bursts.md)
 _LONGEST_OF_TWO_S = 0.101  # two photos do not show how the speed changed
-_CLOCK_S = 0.012  # some cameras record hundredths of a second: intervals that differ by less are even
 _SAME_EXPOSURE = 1.12  # ratio of exposure times; brackets have 1.26 or more
 
 
@@ -175,7 +174,8 @@ def _motions(burst: list[_Taken], camera: Camera, max_pixels: int) -> Iterator[t
         return
     gaps = [after.at_s - before.at_s for before, after in pairwise(burst)]
     interval_s = median(gaps)
-    if max(abs(gap - interval_s) for gap in gaps) < _CLOCK_S:
+    # some cameras record hundredths of a second: intervals that differ by less are even
+    if max(abs(gap - interval_s) for gap in gaps) < 0.012:
         gaps = [interval_s] * len(gaps)
     finder = sequence.CameraMotion(time.ratio(interval_s), camera.focal_px, camera.scan_direction)
     steps = [1.0, *(gap / interval_s for gap in gaps)]

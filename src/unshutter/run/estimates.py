@@ -7,6 +7,7 @@ from pathlib import Path
 
 from unshutter.api import motion_of_lines
 from unshutter.errors import visible
+from unshutter.export import plot_motion
 from unshutter.motion.finding import candidates_to_json
 from unshutter.motion.verdict import Speed, Verdict, json_with_speed, judge
 from unshutter.options import Estimate, Undo
@@ -48,8 +49,6 @@ def describe_motion(begun: Begun, request: Estimate, tell: Tell) -> Answer:
         chosen = found.candidates[(request.find.candidate or 1) - 1 :][:1]
         line = ", ".join([*(each.name for each in chosen), about(verdict)])
     if request.plot:
-        from unshutter.export import plot_motion
-
         plot_motion(found, request.plot, title=source.name, readout_ms=readout_ms)
     if readout_ms is None:
         return Answer(source, [line], found.to_json())

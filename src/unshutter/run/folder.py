@@ -22,9 +22,6 @@ from unshutter.run.job import Job, Outcome
 
 PRIOR = 10.0  # photos that moved, and as many that did not, are added to those of the folder
 MOST = math.log(4)  # log odds; the same as for a camera that is known to have moved (single/prospects.py)
-_ROUNDS = 200  # of expectation maximisation
-_ARRIVED = 1e-6  # change of the share
-_ALIKE = 0.05  # log odds that differ less than this are the same
 
 
 @dataclass(frozen=True)
@@ -72,11 +69,11 @@ def shares_moved(log_odds: Sequence[float]) -> list[float]:
         log_odds: [N] of each photo by itself.
     """
     share = 0.5
-    for _ in range(_ROUNDS):
+    for _ in range(200):  # expectation maximisation
         each = [_probability(number + _log_odds(share)) for number in log_odds]
         before = share
         share = (math.fsum(each) + PRIOR) / (len(each) + 2 * PRIOR)
-        if abs(share - before) < _ARRIVED:
+        if abs(share - before) < 1e-6:
             break
     each = [_probability(number + _log_odds(share)) for number in log_odds]
     total = math.fsum(each) + PRIOR
@@ -108,7 +105,7 @@ class Folder:
                 self.moved += _probability(judged.log_odds + log_odds)
                 log_odds = min(log_odds, judged.most)
                 changes = (log_odds > judged.decision_threshold) != (judged.used > judged.decision_threshold)
-                if changes and abs(log_odds - judged.used) > _ALIKE:
+                if changes and abs(log_odds - judged.used) > 0.05:
                     again.append(replace(job, folder_log_odds=round(log_odds, 4)))
         self.redone = len(again)
         return again

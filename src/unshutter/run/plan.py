@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from unshutter.motion.finding import Finding
 
 
-_SHEET_PX = 320  # long side of each picture of a sheet
 # Names with these extensions are meant as files, even if a folder is needed.
 _FILE_SUFFIXES = {*SUFFIXES, *OTHER_PICTURES, *VIDEO_FORMATS, ".json", ".zip"}
 
@@ -121,7 +120,7 @@ class Plan:
         """Long side [px] of the before and after pictures, 0 for full size; None: no preview is asked for."""
         if self.run.preview is None:
             return None
-        return 0 if len(self.inputs.photos) == 1 else _SHEET_PX
+        return 0 if len(self.inputs.photos) == 1 else 320  # px
 
     def sort(self, manifest: Manifest) -> None:
         """Sorts the jobs to do by the state of their results in the manifest."""

@@ -23,7 +23,6 @@ MOST_PHOTOS = 500  # per sheet
 _ACROSS = 3  # photos per row
 _GAP = 8  # px; larger for a large single photo
 _WHITE = [255.0]
-_BLACK = (0, 0, 0)
 
 
 class Preview:
@@ -104,4 +103,4 @@ def _title(caption: str, width: int) -> np.ndarray:
     (wide, high), _ = cv2.getTextSize(text, font, scale, thick)
     scale *= min(1.0, (width - _GAP) / max(wide, 1))
     title = np.full((2 * high + _GAP, width, 3), 255, np.uint8)
-    return np.asarray(cv2.putText(title, text, (2, high + high // 2), font, scale, _BLACK, thick, cv2.LINE_AA))
+    return np.asarray(cv2.putText(title, text, (2, high + high // 2), font, scale, (0, 0, 0), thick, cv2.LINE_AA))

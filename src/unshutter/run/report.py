@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 Tell = Callable[[str], None]  # prints a line for the user
 
-_LONGEST_COMMAND = 400  # characters, with many photos
 _MAY_HAVE_MOVED = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.UNSURE_WHETHER_MOVED}
 _UNSURE_WHICH = {Code.UNSURE, Code.HARDLY_HELPS, Code.UNSURE_HOW_MOVED}
 _REPORTED = {Code.UNSURE_HOW_MOVED, Code.MOVED_TOO_LITTLE, Code.MOVED_OTHERWISE}
@@ -141,7 +140,7 @@ class Report:
         """The command that levels the photos, too."""
         overwrite = ["--overwrite"] if any(self._to_level.values()) and not self._plan.run.overwrite else []
         line = shlex.join(["unshutter", "rectify", *self._plan.levelling, *overwrite])
-        return line if len(line) <= _LONGEST_COMMAND else "the same command with --upright level"
+        return line if len(line) <= 400 else "the same command with --upright level"
 
     def save_preview(self) -> None:
         """Writes the preview, if there is one, and reports it."""

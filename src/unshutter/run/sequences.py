@@ -18,8 +18,6 @@ from unshutter.run.ahead import PreviewError, open_input
 from unshutter.run.job import Job, Work
 from unshutter.storage.locations import absolute
 
-_LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
-_MANY = 2.5  # a gap is longer than this many usual intervals
 _RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
 
 
@@ -92,7 +90,7 @@ def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
     """Whether the time since the last photo (None: unknown) is too long for a sequence with this longest interval."""
     if since is None:
         return False
-    longest = _LONGEST_INTERVAL if interval is None else max(_MANY * interval, _RESOLUTION)
+    longest = timedelta(seconds=10) if interval is None else max(2.5 * interval, _RESOLUTION)
     return not -_RESOLUTION <= since <= longest
 
 

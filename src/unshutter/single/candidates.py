@@ -92,11 +92,6 @@ class _Side:
 
 LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, the lines are not those of buildings
 LARGEST = 45 / 256  # rows of displacement; larger than any by hand or in the test data
-_MOST_MODES = 3
-_LEAST_SHARE = 0.05  # least share of a mode worth showing
-_ALIKE = 1.5 / 256  # rows: motions closer than this,
-_ALIKE_SHARE = 0.15  # or than this share of their size, look the same
-_CLEARLY = 1.5  # times the mean's benefit, from which a mode is preferred: a few lines decide between two alike
 
 
 def candidates_of(
@@ -118,7 +113,7 @@ def candidates_of(
     benefits = [expected_benefit(posterior, mode, network_motion, roll_known, shift) for mode in modes]
     weighed = [each.better if view.decision.any else each.benefit for each in benefits]
     if weighed and weighed[0] > 0:  # of the mean
-        weighed[0] *= _CLEARLY
+        weighed[0] *= 1.5  # a few lines decide between two alike
     best = max(range(len(modes)), key=weighed.__getitem__, default=None)
     order = sorted(range(len(modes)), key=lambda k: (k != best, -benefits[k].better))
     moving = tuple(_candidate(modes[k], benefits[k], posterior, view, estimator) for k in order)
@@ -186,9 +181,9 @@ def modes_of(posterior: Posterior, largest: float = LARGEST) -> list[Mode]:
         )
         modes.append(Mode(mean, expected_error(covariance), total, names[optima.kind[group[0]]]))
     whole = _mean(posterior)
-    others = [mode for mode in modes if mode.share >= _LEAST_SHARE and not _alike(mode.motion, whole.motion)]
+    others = [mode for mode in modes if mode.share >= 0.05 and not _alike(mode.motion, whole.motion)]
     possible = [mode for mode in (whole, *others) if displacement(mode.motion) <= largest]
-    return sorted(possible, key=lambda mode: -mode.share)[: _MOST_MODES + 1]
+    return sorted(possible, key=lambda mode: -mode.share)[:4]
 
 
 def _mean(posterior: Posterior) -> Mode:
@@ -220,4 +215,4 @@ def _is_undone(found: ExpectedBenefit, least: float | None) -> bool:
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
     size = max(displacement(one), displacement(other))
-    return displacement(one - other) < max(_ALIKE, _ALIKE_SHARE * size)
+    return displacement(one - other) < max(1.5 / 256, 0.15 * size)  # rows, and a share of their size

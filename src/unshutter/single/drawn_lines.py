@@ -302,7 +302,6 @@ def _plausible(unknowns: np.ndarray, mean: np.ndarray) -> bool:
     return far2 < LINES.farthest**2 and tilt < LINES.steepest and PX * bend(motion - mean[MOTION]) < LINES.most_bent_px
 
 
-_ROLLS = np.radians([-3, 0, 3])  # of starting poses
 _CHANGED = np.array([*range(UNKNOWNS)[MOTION], TILT])  # unknowns that straighten lines
 _READILY = np.array([0.06, 0.03, 0.003, 0.02, 0.01, 0.001, 0.1])  # how much of each: shear rather than bend and turn
 
@@ -312,7 +311,7 @@ def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) 
 
     Poses are searched more widely than without lines, including roll, because lines may show a camera held askew.
     """
-    begin = [poses(likelihood, motion, roll) for motion in motions for roll in _ROLLS]
+    begin = [poses(likelihood, motion, roll) for motion in motions for roll in np.radians([-3, 0, 3])]
     everything = slice(0, UNKNOWNS)
     tried, energy, _ = descend(likelihood, np.concatenate(begin), everything, steps=LINES.first_steps)
     optima, energy, hessian = descend(likelihood, tried[np.argsort(energy)[: LINES.followed]], everything)

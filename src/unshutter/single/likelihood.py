@@ -46,7 +46,6 @@ from unshutter.single.prior import (
     PriorParams,
 )
 
-_DEGREES = np.arange(1, 4)
 Vector = tuple[np.ndarray, ...]  # its components
 
 
@@ -56,7 +55,7 @@ class EndPoints:
     def __init__(self, points: np.ndarray):
         self.col = points[:, 0]
         self.row = points[:, 1]
-        self.powers = (points[:, 1:] + 0.5) ** _DEGREES  # [N, 3] of u
+        self.powers = (points[:, 1:] + 0.5) ** np.arange(1, 4)  # [N, 3] of u
 
     def rectified(self, motions: np.ndarray) -> RectifiedPoints:
         """Returns the points with S motions [S, 6] undone."""

@@ -11,6 +11,8 @@ while they wait for each other and took ten times as long on a busy machine.
 from __future__ import annotations
 
 import math
+import zipfile
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
@@ -24,8 +26,6 @@ from unshutter.motion.shapes import Array, Float
 
 Weights = dict[str, np.ndarray]
 FEATURES = 39  # numbers per segment
-_OCTAVES = 4  # of the sine waves that encode a position
-_SHARPNESS = (6.0, 25.0)  # of the two scales that encode a segment's deviation from vertical and from horizontal
 
 
 def undo_motion(tokens: Float[Array, "batch segments 6"], motion: Float[Array, "batch 2 3"]) -> Array:
@@ -63,9 +63,9 @@ def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch
         angles += [c * c - s * s, 2 * s * c]
     lean = cos * xp.sign(sin + 1e-9)
     rise = sin * xp.sign(cos + 1e-9)
-    fine = [xp.tanh(k * deviation) for deviation in (lean, rise) for k in _SHARPNESS]
+    fine = [xp.tanh(k * deviation) for deviation in (lean, rise) for k in (6.0, 25.0)]  # from vertical, and from level
     waves = []
-    for k in range(_OCTAVES):
+    for k in range(4):  # octaves
         for position in (middle_x, middle_y):
             phase = (2 * math.pi * 2.0**k / 4) * position
             waves += [xp.sin(phase), xp.cos(phase)]
@@ -85,7 +85,6 @@ def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch
 # 1 to 3 minus their value at u = 0, in powers of u
 _UNITS = np.array([[0.1], [0.06]], np.float32)
 _LEGENDRE = np.array([[2, 0, 0], [-6, 6, 0], [12, -30, 20]], np.float32)
-_MIRROR = np.array([-1, 1, -1, 1, -1, 1], np.float32)  # mirrors a segment
 
 # erf(x / sqrt 2) = tanh(x p(x^2)): least squares over 0 <= x <= 5.6, reweighted to minimise the largest error of
 # x erf: 1.3e-7. Beyond 5.6, where erf is 1 in float32, p grows without bound, so tanh is 1 too.
@@ -93,7 +92,6 @@ _ERF = (0.797884217, 0.0363342819, -3.31287717e-05, -5.52405210e-05, 3.96915859e
 _AT_A_TIME = 32_768  # numbers per block, so that all steps of gelu stay in the processor's cache
 
 _ON_ONE_THREAD = 2**19 - 1  # most multiplications per call for which OpenBLAS starts no threads
-_LARGEST_EXPONENT = 80.0  # its exp is far below the largest float32
 
 _NAME = "segment-transformer"
 _silent = np.errstate(all="ignore")  # in each thread; the caller checks whether the output is finite
@@ -138,9 +136,10 @@ class SegmentNetwork:
         """
         self.open()
         motion = np.zeros((2, 3), np.float32)
+        mirrored_tokens = tokens * np.array([-1, 1, -1, 1, -1, 1], np.float32)
         with ThreadPoolExecutor(1) as thread:
             for _ in range(int(self._weights["iterations"])):
-                mirrored = thread.submit(self._correction, tokens * _MIRROR, -motion)
+                mirrored = thread.submit(self._correction, mirrored_tokens, -motion)
                 motion = motion + (self._correction(tokens, motion) - mirrored.result()) / 2
         return motion
 
@@ -222,7 +221,7 @@ def _exp_scores(query: np.ndarray, key: np.ndarray, scores: np.ndarray) -> None:
     """
     _multiply(query, key.T, scores)
     largest = math.sqrt(np.square(query).sum(-1).max() * np.square(key).sum(-1).max())  # upper bound
-    if not largest < _LARGEST_EXPONENT:
+    if not largest < 80.0:  # its exp is far below the largest float32
         scores -= scores.max(-1, keepdims=True)
     np.exp(scores, out=scores)
 
@@ -247,9 +246,6 @@ def gelu(x: np.ndarray) -> np.ndarray:
 
 
 OUTPUTS = 6 + 3  # coefficients of the motion, and the camera's pose, which only training uses
-LARGEST_BYTES = 64_000_000  # of a file's arrays; ours takes 1.7 million
-_MOST_ITERATIONS = 16
-_MOST_HEADS = 64
 _COUNTS = ("heads", "iterations")  # whole numbers among the arrays
 
 
@@ -288,9 +284,6 @@ def _norm(name: str, *shape: int) -> dict[str, tuple[int, ...]]:
 
 def read_weights(path: Path | None) -> Weights:
     """Returns the arrays of a file, float32, and the counts ``heads`` and ``iterations``."""
-    import zipfile
-    import zlib
-
     if path is None:
         raise WeightsError(f"{_NAME} needs the weights of a network")
     if path.suffix == ".onnx":
@@ -301,7 +294,7 @@ def read_weights(path: Path | None) -> Weights:
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > LARGEST_BYTES:
+        if size > 64_000_000:  # of a file's arrays; ours takes 1.7 million
             raise WeightsError(f"cannot use the weights {path}: {size / 1e6:.0f} MB are too many for {_NAME}")
         with np.load(path, allow_pickle=False) as stored:
             weights = {each: np.asarray(stored[each]) for each in stored.files}
@@ -338,4 +331,4 @@ def _is_complete(weights: Weights) -> bool:
     if any(array.dtype.kind != ("i" if name in _COUNTS else "f") for name, array in weights.items()):
         return False
     heads, iterations = (int(weights[name]) for name in _COUNTS)
-    return 1 <= heads <= _MOST_HEADS and width % heads == 0 and 1 <= iterations <= _MOST_ITERATIONS
+    return 1 <= heads <= 64 and width % heads == 0 and 1 <= iterations <= 16

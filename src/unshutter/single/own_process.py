@@ -16,7 +16,6 @@ from pathlib import Path
 from unshutter.errors import UnshutterError, WeightsError
 
 LONGEST_RUN_S = 60.0  # our slowest takes a second
-_GRACE_S = 5.0  # after which the process exits by itself if its parent is gone
 _MOST_MEMORY = 2 * 2**30  # bytes, where the system can limit it; ours need a tenth
 _REFUSED = 3  # exit status
 
@@ -64,7 +63,7 @@ def answer(run: Callable[[Path, str], bytes]) -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # keeps libraries' output out of the answers
     # It must not run indefinitely if its parent has been killed. This timer works even if Python is blocked.
-    faulthandler.dump_traceback_later(LONGEST_RUN_S + _GRACE_S, exit=True, file=sys.stderr)
+    faulthandler.dump_traceback_later(LONGEST_RUN_S + 5.0, exit=True, file=sys.stderr)
     with suppress(ImportError, ValueError, OSError):  # Windows and macOS
         import resource
 

@@ -134,9 +134,6 @@ class RowNetwork:
         return WeightsError(f"cannot use the weights {self._file}: {why}")
 
 
-# A second look at what is nearly right finds little. Where it finds more than this share of the first answer, neither
-# can be trusted, and nothing is added.
-_LARGEST_CHANGE = 0.5
 _UNITS = np.array([[100.0], [1.0]])  # px and rad that weigh alike
 
 
@@ -167,7 +164,9 @@ class Kandula2020(Estimator):
         except UnshutterError:  # it would fold
             return first
         second = self._network.motion_of(rectified)
-        return first + second if _size(second) < _LARGEST_CHANGE * _size(first) else first
+        # A second look at what is nearly right finds little. Where it finds more than this share of the first answer,
+        # neither can be trusted, and nothing is added.
+        return first + second if _size(second) < 0.5 * _size(first) else first
 
 
 def cubic(motion: Float64[np.ndarray, "2 256"], rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "2 rows"]:

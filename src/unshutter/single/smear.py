@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 _LENGTHS = np.concatenate([[0.0], np.geomspace(0.8, 64, 80)])  # px of the copy
 _SLOPES = np.linspace(-4, 4, 33)  # c1 / c0
-_NOISE = np.array([0, 0.25, 0.5, 1, 2])  # multiples of the power along the rows at high frequencies
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def _unexplained(rows: Float64[np.ndarray, "powers"], columns: Float64[np.ndarra
     measured = np.log((rows[k] + BLUR.faint) / (columns[k] + BLUR.faint))
     floor = np.percentile(rows[int(BLUR.high * window) :], 30)
     best = np.full(len(_LENGTHS), np.inf)
-    for level in _NOISE:
+    for level in np.array([0, 0.25, 0.5, 1, 2]):  # multiples of the power along the rows at high frequencies
         noise = np.clip(level * floor / (columns[k] + BLUR.faint), *BLUR.noise)
         weight = (1 - noise) / np.sqrt(k)  # about the same for each octave
         weight /= weight.sum()

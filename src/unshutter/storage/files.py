@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import re
 import stat
@@ -33,13 +32,11 @@ else:
     import fcntl
 
 if TYPE_CHECKING:
-    import numpy as np
+    pass
 
 
 # Do not follow links, do not wait for pipes, do not translate line ends.
 NEVER_FOLLOW = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-
-LARGEST_TEXT = 64_000_000  # bytes; a motion of 20,000 rows takes 3 million
 
 
 def open_plain(path: Path, flags: int) -> int:
@@ -147,7 +144,7 @@ def check_plain(path: Path) -> None:
             raise UnshutterError("cannot read {file}: it is a pipe or a device, not a file", file=path)
 
 
-def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
+def read_text(path: Path, most: int = 64_000_000) -> str:  # bytes; a motion of 20,000 rows takes 3 million
     """Returns the contents of a text file that a user named."""
     check_plain(path)
     if path.stat().st_size > most:
@@ -170,37 +167,28 @@ def digest(path: Path) -> str | None:
     """Returns a hash of the content of a plain file or an object; None if there is neither."""
     if is_object(path):
         return new_hash(objects.read_object(path)).hexdigest() if fingerprint(path) is not None else None
-    import hashlib  # imported here: it takes 15 ms, and a single photo does not need it
-
     try:
         try:  # allowed only for the file's owner, and only on some systems: an access time may be a copy of a photo's
             descriptor = open_plain(path, os.O_RDONLY | getattr(os, "O_NOATIME", 0))
         except UnshutterError:
             descriptor = open_plain(path, os.O_RDONLY)
         with open(descriptor, "rb") as stream:
-            return hashlib.file_digest(stream, new_hash).hexdigest()
+            content = new_hash()
+            while piece := stream.read(1 << 20):
+                content.update(piece)
+            return content.hexdigest()
     except (OSError, UnshutterError):
         return None
 
 
 def new_hash(data: bytes = b""):
     """Returns a hash of bytes; its ``hexdigest()`` equals the :func:`digest` of a file with these contents."""
-    from hashlib import blake2b
+    from hashlib import blake2b  # imported here: it takes 15 ms, and a single photo does not need it
 
     return blake2b(data, digest_size=16)
 
 
 SPILL_BYTES = 1 << 31  # larger arrays are kept in a file
-
-
-def new_array(shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
-    """Creates an uninitialised array in memory or, if large, in a file that is removed when no longer used."""
-    import numpy as np
-
-    if math.prod(shape) * np.dtype(dtype).itemsize <= SPILL_BYTES:
-        return np.empty(shape, dtype)
-    with nameless_file() as file:
-        return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
 
 
 def nameless_file() -> IO[bytes]:
@@ -230,7 +218,6 @@ def lock(descriptor: int, wait: bool = False) -> bool | None:
 
 
 _PART = re.compile(r"\.unshutter-[0-9a-f]{16}\.part(\..*)?")
-_LEFT_S = 3600  # without locks, a temporary file of this age counts as abandoned
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 _parts: set[Path] = set()  # temporary files of this process
 
@@ -434,7 +421,7 @@ def _removed_if_left(part: Path) -> bool:
                 part.unlink()  # while holding the lock, so that a writer that has just created the file notices
             if is_left is not None:
                 return is_left
-    left = time.time() - part.stat().st_mtime > _LEFT_S
+    left = time.time() - part.stat().st_mtime > 3600  # without locks, a temporary file of this age counts as abandoned
     if left:
         part.unlink()
     return left

@@ -30,7 +30,8 @@ class Opened:
         """Returns the file of a name, or that of an open descriptor."""
         with suppress(OSError, ValueError):
             status = os.stat(path if descriptor is None else descriptor)
-            return cls(_absolute(path), _identity(status), (status.st_atime_ns, status.st_mtime_ns))
+            identity = status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
+            return cls(_absolute(path), identity, (status.st_atime_ns, status.st_mtime_ns))
         return cls(_absolute(path))
 
     @classmethod
@@ -61,7 +62,3 @@ def _absolute(path: str | os.PathLike[str]) -> Path:
         return Path(os.path.abspath(path))
     except FileNotFoundError:  # the working folder was removed
         return Path(path)
-
-
-def _identity(status: os.stat_result) -> tuple[int, int, int, int]:
-    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns

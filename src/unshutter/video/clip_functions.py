@@ -31,9 +31,8 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import ArrayFrame
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.render.frame_warper import Warper
-from unshutter.video.render.rendering import Rendering, with_hidden_borders, with_steady_views
+from unshutter.video.render.rendering import Rendering, with_views
 
-_USUAL_RATE = 30.0  # frames per second
 _FOR_READOUT, _FOR_LENS = 240, 80  # frames of an iterator that are examined for the readout time, or only for the lens
 
 
@@ -197,7 +196,7 @@ def rectify_clip_frames(
             "stabilize needs the frames twice: pass a list, or an object that begins again each time it is "
             "iterated over"
         )
-    return _rectified(frames, options, 1 / (fps or _USUAL_RATE))
+    return _rectified(frames, options, 1 / (fps or 30.0))
 
 
 def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: float) -> Iterator[np.ndarray]:
@@ -212,12 +211,9 @@ def _rectified(frames: Iterable[np.ndarray], options: RectifyClip, interval_s: f
     if reason is not None and not _shows_nothing(decision, examined):
         raise UnknownRatioError(str(reason), reason).with_advice("give readout_ratio, or readout_ms and fps")
     rendering = Rendering(request, camera, decision)
-    if options.steadiness.stabilize is not None:
-        if isinstance(examined, FirstFrames):
-            rendering = replace(rendering, request=replace(request, clip=replace(clip, arrays=examined.take_all())))
-        rendering = with_steady_views(rendering)
-    if options.may_enlarge:
-        rendering = with_hidden_borders(rendering)
+    if options.steadiness.stabilize is not None and isinstance(examined, FirstFrames):
+        rendering = replace(rendering, request=replace(request, clip=replace(clip, arrays=examined.take_all())))
+    rendering = with_views(rendering)
     decoded = clip.frames_between()
     if options.steadiness.stabilize is not None:
         assert rendering.path is not None

@@ -42,9 +42,8 @@ from unshutter.video.render.rendering import (
     expected,
     straight_view,
     watched,
-    with_hidden_borders,
     with_known_motion,
-    with_steady_views,
+    with_views,
 )
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
@@ -73,11 +72,7 @@ def rectify_clip_file(
     request, camera, decision = decided(request)
     request.work.expect(dict.fromkeys(Stage, 0) | expected(request, decision))
     straight = straight_view(request) if options.straight_lines else None
-    rendering = Rendering(request, camera, decision, straight=straight)
-    if options.steadiness.stabilize is not None:
-        rendering = with_steady_views(rendering)
-    if options.may_enlarge:
-        rendering = with_hidden_borders(rendering)
+    rendering = with_views(Rendering(request, camera, decision, straight=straight))
     steady = rendering.stabilisation
     if steady is not None and not steady.is_idle:
         video = replace(video, may_be_copy=False)

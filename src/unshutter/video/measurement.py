@@ -88,18 +88,9 @@ class ClipMeasurement:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """A clip's measurement, and what several of one camera are measured by together."""
-
-    measurement: ClipMeasurement
-    runs: list[Run]
-    px: float  # of the clip, for each of the copies in which corners were tracked
-
-
 def _measure_clips(sources: Sequence[str | os.PathLike[str]], options: MeasureClips) -> list[ClipMeasurement]:
     measured = [_measured(Path(source), options) for source in sources]
-    found = [each.measurement for each in measured]
+    found = [measurement for measurement, _, _ in measured]
     return [*found, _together(measured)] if len(measured) > 1 and options.one_camera else found
 
 
@@ -131,7 +122,8 @@ def measure_clips(
     ...
 
 
-def _measured(path: Path, options: MeasureClips) -> _Measured:
+def _measured(path: Path, options: MeasureClips) -> tuple[ClipMeasurement, list[Run], float]:
+    """Returns a clip's measurement, its runs, and the px of the clip for each of the copies in which it was tracked."""
     clip = read_clip_facts(path, until_s=options.end)
     clip.check_whole()
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
@@ -144,7 +136,7 @@ def _measured(path: Path, options: MeasureClips) -> _Measured:
     time = camera.readout_time
     reason = why_unfit(camera) or time.instead_of
     measurement = _of_camera((str(path),), clip, time, reason, direction, regression(runs), px, camera.lens)
-    return _Measured(measurement, runs, px)
+    return measurement, runs, px
 
 
 def _of_camera(
@@ -173,15 +165,16 @@ def _of_camera(
     )
 
 
-def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
+def _together(measured: Sequence[tuple[ClipMeasurement, list[Run], float]]) -> ClipMeasurement:
     """Returns what clips of one camera tell together, by one regression of all their frames."""
-    every = [each.measurement for each in measured]
+    every = [measurement for measurement, _, _ in measured]
     first = every[0]
     for each in every:
-        if (each.width, each.height) != (first.width, first.height) or _differ(each.interval_s, first.interval_s):
+        same_rate = abs(each.interval_s - first.interval_s) <= 0.01 * each.interval_s
+        if (each.width, each.height) != (first.width, first.height) or not same_rate:
             raise UnshutterError(f"{first.clips[0]} and {each.clips[0]} differ in the size or rate of their frames")
-    shown = regression([run for each in measured for run in each.runs])
-    px = measured[0].px
+    shown = regression([run for _, runs, _ in measured for run in runs])
+    _, _, px = measured[0]
     times = [each.readout_time for each in every if each.readout_time is not None]
     stated = next((each for each in times if each.source not in _BY_FRAMES), None)
     names = tuple(name for each in every for name in each.clips)
@@ -192,7 +185,3 @@ def _together(measured: Sequence[_Measured]) -> ClipMeasurement:
     is_none = shown is not None and shown.is_none
     reason = Reason(Code.READ_AT_ONCE if is_none else Code.NO_WOBBLE)
     return _of_camera(names, first, time, reason, direction, shown, px, first.lens)
-
-
-def _differ(one: float, other: float) -> bool:
-    return abs(one - other) > 0.01 * one

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from unshutter.video.render.stabilisation import Stabilisation
 
 
-_GAP, _GAP_S = 10, 1.0  # longer gaps between frames, in frame intervals and seconds, are reported
-
-
 @dataclass(eq=False)
 class Tally:
     """The frames of a clip, counted one by one."""
@@ -144,7 +141,7 @@ class ClipOutcome:
         """Start and length of the longest gap between frames [s]; None if it is negligible."""
         times = [time_s for time_s, _ in self.rotations]
         longest, at = max(((b - a, a) for a, b in pairwise(times)), default=(0.0, 0.0))
-        return (at, longest) if longest > max(_GAP * self.interval_s, _GAP_S) else None
+        return (at, longest) if longest > max(10 * self.interval_s, 1.0) else None
 
     def as_json(self) -> JsonObject:
         """Returns the record of the run for the log."""

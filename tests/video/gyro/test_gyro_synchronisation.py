@@ -17,7 +17,7 @@ from unshutter.readout_time import ReadoutRatio
 from unshutter.reasons import Code
 from unshutter.video.gyro.alignment import Synchronisation, synchronised
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog
-from unshutter.video.gyro.synchronisation import Adjusted, GyroRotations
+from unshutter.video.gyro.synchronisation import GyroRotations
 
 SHIFT, BIAS = 0.137, (0.01, -0.005, 0.003)
 FOCAL = hand_held.FOCAL * ROWS / hand_held.HEIGHT
@@ -182,7 +182,7 @@ def test_a_log_of_half_an_hour_takes_little_memory():
 )
 def test_only_a_possible_and_sure_ratio_is_shown(ratio, error, shows):
     alignment = Alignment(np.eye(3), 0.0, 0.0, 0.0, np.zeros(3), FOCAL, ratio, 1 / 30)
-    found = Synchronisation(Adjusted(alignment, 0.1, error), follows=0.95, rotations_px=5.0, ratio_known=False)
+    found = Synchronisation(alignment, error, follows=0.95, rotations_px=5.0, ratio_known=False)
     assert found.shows_ratio == shows
     assert not replace(found, ratio_known=True).shows_ratio
     assert not replace(found, follows=0.8).shows_ratio

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     import pyvips
 
 
-_MEANINGLESS = (1.0, 72 / 25.4)  # px/mm: libvips's default, and the usual value written by careless programs
-
-
 class Resolution(NamedTuple):
     """The resolution at which a picture is to be printed."""
 
@@ -40,7 +37,8 @@ class Resolution(NamedTuple):
     @property
     def is_known(self) -> bool:
         """Whether the resolution was set deliberately: False for values that libraries write by default."""
-        return not all(any(abs(own - usual) < 0.01 for usual in _MEANINGLESS) for own in (self.across, self.down))
+        # px/mm: libvips's default, and the usual value written by careless programs
+        return not all(any(abs(own - usual) < 0.01 for usual in (1.0, 72 / 25.4)) for own in (self.across, self.down))
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,6 @@ _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
 # offsets, frames of a still picture.
 _OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"iCCP", b"acTL", b"fcTL", b"iDOT"})
 _CREDENTIALS = b"caBX"
-_PALETTE = 3  # a colour type
-_BACKGROUND_BYTES = {0: 2, 2: 6, 4: 2, 6: 6}  # by colour type
-_ONE_FRAME = struct.pack(">I", 1)
 
 
 @final
@@ -128,7 +125,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
             blobs.setdefault(attribute, blob)
         elif name == b"PLTE":
             palette = data
-        elif name == b"acTL" and data[:4] > _ONE_FRAME:
+        elif name == b"acTL" and data[:4] > struct.pack(">I", 1):
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
         elif (copied := _carried(name, data, (depth, colour_type), palette)) is not None:
             carried.append((name, copied))
@@ -161,10 +158,10 @@ def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes
 
 def _background(data: bytes, depth: int, colour_type: int, palette: bytes) -> bytes | None:
     """Converts the chunk bKGD to the decoded pixels: no palette, at least 8 bits; returns None if it is damaged."""
-    if colour_type == _PALETTE:
+    if colour_type == 3:  # a palette
         colour = palette[3 * data[0] : 3 * data[0] + 3] if data else b""
         return struct.pack(">3H", *colour) if len(colour) == 3 else None
-    if len(data) != _BACKGROUND_BYTES.get(colour_type):
+    if len(data) != {0: 2, 2: 6, 4: 2, 6: 6}.get(colour_type):
         return None
     if depth >= 8:
         return data

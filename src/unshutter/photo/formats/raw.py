@@ -21,6 +21,7 @@ import os
 import re
 import struct
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from threading import Lock
@@ -46,7 +47,6 @@ _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 _CANON_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
 _ORIENTATIONS = (1, 2, 4, 3, 5, 8, 6, 7)  # of EXIF, by LibRaw's flip
-_SRGB_CURVE = (2.4, 12.92)
 _COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # LibRaw's, which rawpy cannot turn off
 
 
@@ -92,7 +92,7 @@ class Raw(Format):
             if not whole:
                 raise UnshutterError("{photo} is incomplete: the file ends too early", photo=source)
             pixels = raw.postprocess(
-                user_flip=0, output_bps=16, use_camera_wb=True, no_auto_bright=True, gamma=_SRGB_CURVE
+                user_flip=0, output_bps=16, use_camera_wb=True, no_auto_bright=True, gamma=(2.4, 12.92)
             )
         if pixels.shape != (header.height, header.width, 3):
             raise UnshutterError("{photo} cannot be developed: LibRaw turned or cut it", photo=source)
@@ -128,7 +128,6 @@ _PHOTOMETRIC = 0x0106
 _SUB_PICTURES = 0x014A
 _TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # starts and lengths of strips and tiles
 _OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: colour filter array, linear raw
-_MOST_SUB_PICTURES = 64
 _FUJI_TABLE = 84  # positions and lengths of the JPEG, the header and the data
 _AFTER = b"\xa5" * 65_536  # unlike anything that a decoder substitutes for missing data
 
@@ -187,7 +186,7 @@ def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
 def _sub_pictures(file: BinaryIO, tree: Tree) -> list[Directory]:
     """Returns the sub-directories of pages that are separate pictures."""
     offsets = [offset for page in tree.pages for offset in _numbers(page, _SUB_PICTURES, tree)]
-    trees = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:_MOST_SUB_PICTURES])
+    trees = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:64])
     return [tree.pages[0] for tree in trees if tree is not None]
 
 
@@ -297,8 +296,6 @@ def kept_back(pattern: bytes) -> Iterator[None]:
 
     For libraries whose output cannot be disabled. Threads wait for each other here.
     """
-    import tempfile  # imported here: most photos do not need it
-
     with _turn, tempfile.TemporaryFile() as held:
         try:
             shown = os.dup(_STANDARD_ERROR)

@@ -30,14 +30,12 @@ _EXTRA_SAMPLES = 0x0152
 _OLD_JPEG, _JPEG = 6, 7  # compressions
 # number of colour samples, by photometric interpretation
 _COLOURS: dict[int | None, int] = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}
-# meanings of an extra sample
-_UNSPECIFIED = 0
+# meanings of an extra sample but 0, which is unspecified
 _TRANSPARENCY = (1, 2)  # for 1, libvips undoes the premultiplication
 _PRIVATE = 0x8000
 _LAYERS = 0x935C
 _ICC = 0x8773
 _CARRIED = {chunks.IPTC_TAG, chunks.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
-_RESOLUTION = 0x011A, 0x011B
 _SHORT, _FRACTION = 3, 5  # TIFF types
 _MOST_PARTS = 1000  # maximum denominator: 9000/127 per centimetre are 180 per inch
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
@@ -102,7 +100,7 @@ class Tiff(WrittenFormat):
         image = picture.image
         more = chunks.resource_tags(metadata.resources) | _exact(metadata.main_resolution)
         if picture.masked:  # libvips declares it as transparency
-            more[_EXTRA_SAMPLES] = Entry(_SHORT, 1, struct.pack("=H", _UNSPECIFIED))
+            more[_EXTRA_SAMPLES] = Entry(_SHORT, 1, struct.pack("=H", 0))
         if exif.add_to_tiff(file, metadata.exif, image.height, image.width, more):
             return _unknown_tags(exif.read(metadata.exif))
         return ["EXIF and IPTC (the TIFF is too large)"]
@@ -112,7 +110,7 @@ def _exact(resolution: Resolution) -> dict[int, Entry]:
     """Returns the resolution as exact fractions, because libvips rounds it: 230 pixels per inch become 229.999."""
     unit_mm = 25.4 if resolution.unit == "in" else 10.0
     tags = {}
-    for tag, per_mm in zip(_RESOLUTION, resolution[:2], strict=True):
+    for tag, per_mm in zip(exif.RESOLUTION, resolution[:2], strict=True):
         exact = Fraction(per_mm * unit_mm).limit_denominator(_MOST_PARTS)
         if 0 < exact.numerator < 1 << 32:
             tags[tag] = Entry(_FRACTION, 1, struct.pack("=II", exact.numerator, exact.denominator))

@@ -28,7 +28,6 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.gyro_log import GyroLog
 
-_LONGEST = 1.05  # ratio: no readout takes longer than a frame, but regression is some per cent too high
 _UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
 
 
@@ -131,7 +130,8 @@ def _time_of(
     if listed is not None and listed.plausible_s is None:
         return _compared(listed, shown, interval_s)
     usual = listed or usual_time(request)
-    if shown is not None and (shown.is_sure or shown.is_likely) and 0 < shown.rows.ratio < _LONGEST:
+    # no readout takes longer than a frame, but regression is some per cent too high
+    if shown is not None and (shown.is_sure or shown.is_likely) and 0 < shown.rows.ratio < 1.05:
         return shown.readout_ratio.seconds(interval_s)
     if shown is not None and shown.is_none:
         return replace(usual, instead_of=Reason(Code.READ_AT_ONCE))

@@ -18,7 +18,6 @@ from typing import TypeVar
 from unshutter.errors import UsageError, shortened
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 
-_SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames per second are one mode; 16.7 and 17.7 ms agree
 # Tags of QuickTime and Android files that hold the names, as FFmpeg calls them.
 _MAKES = ("make", "com.apple.quicktime.make", "com.android.manufacturer")
 _MODELS = ("model", "com.apple.quicktime.model", "com.android.model")
@@ -48,7 +47,6 @@ _SPELLINGS = (
     (r"(?:_|(?<=[a-z0-9])m)([2-5])\b", lambda match: _ROMAN[match[1]]),
     (r"[^a-z0-9+]", ""),
 )
-_PERCENTILES = (5, 50, 95)  # of the table: range of a kind of camera, and usual value
 _SIMILAR_RATE = 1.3  # ratio of frame rates within which readout times are similar
 _KINDS = {
     "phones": "apple samsung xiaomi redmi realme poco oneplus huawei honor zte ulefone oppo vivo nothing google",
@@ -114,7 +112,7 @@ class CameraMode(Profile):
 
     def has_rate(self, rate: float) -> bool:
         """Whether it records this many frames per second."""
-        return abs(rate / self.fps - 1) <= _SAME_RATE
+        return abs(rate / self.fps - 1) <= 0.012  # 29.97 and 30 frames per second are one mode
 
 
 ProfileT = TypeVar("ProfileT", bound=Profile)
@@ -177,7 +175,7 @@ def usual_time(tags: Mapping[str, str], interval_s: float) -> ReadoutTime:
     brands = _KINDS.get(kind, "").split()
     modes = [mode for mode in similar if not kind or mode.brand.lower().split()[0] in brands] or similar
     times = [mode.readout_ms for mode in modes] or [1000 * interval_s * share for share in (0.2, 0.5, 1.0)]
-    low, usual, high = map(float, np.percentile(times, _PERCENTILES))
+    low, usual, high = map(float, np.percentile(times, (5, 50, 95)))
     return ReadoutTime.of_ms(usual, ReadoutSource.USUAL, kind or "cameras and phones", (low, high))
 
 
@@ -246,9 +244,6 @@ def listed(word: str | None = None) -> list[CameraMode]:
     return matches
 
 
-_MOST_NEAR = 3
-
-
 def _near_names(word: str) -> list[str]:
     """Returns the names of cameras that are spelled most like a word, at most a few."""
     import difflib
@@ -256,7 +251,7 @@ def _near_names(word: str) -> list[str]:
     longest = max(word.split(), key=len, default="")
     modes = [mode for mode in table() if _is_named(mode.camera, longest)] or table()
     names = {_plain(name): mode.camera for mode in modes for name in (mode.model, mode.camera)}
-    return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, _MOST_NEAR, 0.7)))
+    return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, 3, 0.7)))
 
 
 def describe_cameras(modes: Iterable[CameraMode]) -> str:
@@ -333,4 +328,4 @@ def _spelled(name: str) -> str:
 
 
 def _agree(least_ms: float, most_ms: float) -> bool:
-    return most_ms <= (1 + _SAME_TIME) * least_ms
+    return most_ms <= 1.1 * least_ms  # 16.7 and 17.7 ms agree

@@ -22,8 +22,6 @@ from unshutter.video.gyro.gyro_log import GyroLog, Pair, can_parse, log_of_camer
 from unshutter.video.gyro.synchronisation import GyroRotations, has_gravity
 
 MOST_PARTS, PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
-_MIN_PAIRS = 15  # pairs of frames with usable tracks
-_LEAST_TRACKS = 12  # of a pair
 _MISSING_S = 0.25  # at either end of a clip that a log may omit
 _BEYOND_S = 10.0  # of a log kept at either end of a clip
 _SAME_CLOCK_S = 0.6  # largest offset between the clocks of a log and a clip in one file
@@ -55,7 +53,7 @@ class ClipGyro:
         if not self.synchronisation.shows_ratio:
             return None
         alignment = self.synchronisation.alignment
-        error = self.synchronisation.adjusted.ratio_error
+        error = self.synchronisation.ratio_error
         ratio = ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, ReadoutSource.GYRO)
         return ratio.seconds(alignment.interval_s)
 
@@ -107,7 +105,7 @@ def gyro_in_survey(
     known = known or stated
     ratio = known and known.ratio(clip.interval_s).value
     pairs = list(_pairs(evidence))
-    if len(pairs) < _MIN_PAIRS:
+    if len(pairs) < 15:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
     request.work.expect({Stage.SURVEY: 0, Stage.ALIGN: PARAMS.rounds * len(pairs)})
@@ -116,8 +114,10 @@ def gyro_in_survey(
     request.work.expect({Stage.ALIGN: 0})
     reason = synchronisation.reason
     begin_s, end_s = map(float, synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0])))
-    if reason is None and not _covers(log, begin_s, end_s):
-        reason = Reason(Code.GYRO_TOO_SHORT)
+    if reason is None:
+        first, last = max(begin_s, log.span_s[0]), min(end_s, log.span_s[1])
+        if first - begin_s >= _MISSING_S or end_s - last >= _MISSING_S or not log.covers(first, last):
+            reason = Reason(Code.GYRO_TOO_SHORT)
     part = log.between(begin_s - _BEYOND_S, end_s + _BEYOND_S)
     rotations = GyroRotations(part, synchronisation.alignment) if reason is None else None
     return ClipGyro(log.origin, synchronisation, rotations, reason, stated)
@@ -163,12 +163,6 @@ def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float
     return [(least, greatest) for least, greatest in ranges if least < greatest]
 
 
-def _covers(log: GyroLog, begin_s: float, end_s: float) -> bool:
-    first = max(begin_s, log.span_s[0])
-    last = min(end_s, log.span_s[1])
-    return first - begin_s < _MISSING_S and end_s - last < _MISSING_S and log.covers(first, last)
-
-
 # ---- parts to compare ------------------------------------------------------------------------------------------
 
 
@@ -202,5 +196,5 @@ def _pairs(evidence: SampledFrames) -> Iterator[Pair]:
     for run in evidence.parts if few else evidence.runs(MOST_PARTS, PART):
         for before, frame in pairwise(run):
             plane = frame.background
-            if plane is not None and frame.since is not None and plane.joined and len(plane.tracks) >= _LEAST_TRACKS:
+            if plane is not None and frame.since is not None and plane.joined and len(plane.tracks) >= 12:
                 yield Pair(plane.tracks, before.time_s, frame.time_s)

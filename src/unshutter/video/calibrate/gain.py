@@ -41,11 +41,9 @@ RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first
 ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
 _MIN_TRACKS = 12  # tracks of a pair of frames that counts
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
-_ROUNDS = 4  # of reweighting
 _MIN_STEPS = 15  # pairs of frames, below which their steps say nothing
 _MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
 SOLVED = 11  # how often a pair of frames is part of a fit, usually
-_LARGE = 95  # percentile of the steps
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ class StepSizes:
         own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
         left = np.stack([fit_robustly(shape, own)[2] for shape in shapes.T], axis=1)
         sizes = np.hypot(*left.T)
-        return cls(float(np.sqrt(2 * np.mean(left**2))), float(np.percentile(sizes, _LARGE)), float(sizes.max()))
+        return cls(float(np.sqrt(2 * np.mean(left**2))), float(np.percentile(sizes, 95)), float(sizes.max()))
 
     @property
     def figures(self) -> tuple[float, float, float]:
@@ -269,7 +267,7 @@ def _left(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "tracks 2"]:
     """Returns what the camera's rotation and a change of scale leave of the tracks [px of ROWS rows]."""
     jacobian, moved = track_jacobian(tracks, focal_px)
     left = moved
-    for _ in range(_ROUNDS):
+    for _ in range(4):
         root = np.sqrt(_weights(np.square(left).sum(axis=1)))[:, None]
         unknowns = np.linalg.lstsq((jacobian * root[..., None]).reshape(-1, 4), (moved * root).ravel(), rcond=None)[0]
         left = moved - jacobian @ unknowns

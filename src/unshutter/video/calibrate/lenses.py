@@ -47,7 +47,6 @@ def lens_of_clip(request: ClipRequest, evidence: SampledFrames) -> Lens | None:
 
 # ---- a lens file -----------------------------------------------------------------------------------------------
 
-_LARGEST = 1 << 20  # bytes
 _MATRIX = "camera_matrix", "cameraMatrix", "K"
 _COEFFICIENTS = "distortion_coeffs", "distortion_coefficients", "dist_coeffs", "distCoeffs", "D"
 _SIDES = (("image_width", "width", "w"), ("image_height", "height", "h"))
@@ -55,8 +54,6 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _LIST = r"[^\[]{0,200}(\[[\[\]\s\d.,eE+-]*)"  # of numbers, also nested; other facts of the matrix may come first
 _FISHEYE = ("fisheye", "equidistant")
 _RADIAL = ("standard", "plumb", "rational", "radial", "pinhole")
-_SQUARE = 0.03  # pixels whose sides differ by more are those of an anamorphic lens
-_ALIKE = 0.01  # difference of aspect ratios
 
 
 def lens_of_file(path: Path, request: ClipRequest) -> Lens:
@@ -69,7 +66,7 @@ def lens_of_file(path: Path, request: ClipRequest) -> Lens:
         UnshutterError: the file cannot be read, or is of frames of another shape.
     """
     try:
-        text = read_text(path, _LARGEST)
+        text = read_text(path, 1 << 20)
     except OSError as error:
         raise UnshutterError(f"cannot read lens file {path}: {error.strerror}") from None
     except ValueError:
@@ -84,12 +81,12 @@ def lens_of_file(path: Path, request: ClipRequest) -> Lens:
     model = _value(text, ("distortion_model", "model"), r'\s*"?([\w-]+)').lower()
     fisheye = any(word in model for word in _FISHEYE) or (k.size == 4 and not any(word in model for word in _RADIAL))
     clip, (fx, fy), middle = request.clip, matrix[[0, 4]], matrix[[2, 5]]
-    if abs(width * clip.height / (height * clip.width) - 1) > _ALIKE:
+    if abs(width * clip.height / (height * clip.width) - 1) > 0.01:
         raise UsageError(
             f"the lens file is of pictures of {width:.0f}x{height:.0f} px, the clip has frames of {clip.width}x"
             f"{clip.height} px: they must have the same shape"
         )
-    if not fx > 0 or abs(fy / fx - 1) > _SQUARE:
+    if not fx > 0 or abs(fy / fx - 1) > 0.03:  # pixels whose sides differ by more are those of an anamorphic lens
         raise UnshutterError(f"{path}: lenses that stretch the picture in one direction are not supported")
     scale = clip.width / width
     axis = (float(each) for each in (middle + 0.5) * scale - 0.5)
@@ -159,7 +156,6 @@ _PARAMS = LensParams()
 
 _FOCALS = tuple(USUAL_FOCAL * 2.0 ** (k / 2) for k in range(-5, 4))  # tried first, as shares of width + height
 _FOCAL_ONLY = np.array([[0.0, 1.0]])  # a lens that keeps lines straight has no other unknown
-_NARROW = np.radians(20)  # from the axis to the corner: such lenses do not bend lines, or the camera moved sideways
 
 
 def lens_in_survey(evidence: SampledFrames) -> Lens | None:
@@ -214,7 +210,7 @@ def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
     straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_PARAMS.rough)
     starts = [np.array([bend, focal]) for bend in _PARAMS.bends for focal in focals]
     bent, _ = turning.highest(starts, np.eye(2), *_PARAMS.rough)
-    if bent[1] > np.log(turning.corner * ROWS / np.tan(_NARROW)):
+    if bent[1] > np.log(turning.corner * ROWS / np.tan(np.radians(20))):  # narrow lenses bend no lines
         return -np.inf, straight, bent
     share = sum(map(len, few)) / sum(map(len, pairs))
     return (turning.height(bent) - turning.height(straight)) / share, straight, bent
@@ -355,7 +351,7 @@ class _Turning:
 
 # ---- the table of lens profiles --------------------------------------------------------------------------------
 
-_NEAR, _WIDEST_VIEW = 0.06, 200.0  # share by which a lens may differ from the stated field of view; degrees
+_NEAR = 0.06  # share by which a lens may differ from the stated field of view
 _AGREE = 0.03  # share by which the angles of lenses that are alike may differ at the corner
 
 
@@ -410,7 +406,7 @@ def _listed(request: ClipRequest) -> Lens | None:
         known = cameras.closest(named_lenses(named), named)
     alike = [each for each in known if {each.width, each.height} == {clip.width, clip.height}]
     view = clip.camera.view_degrees
-    if alike and view is not None and 0 < view < _WIDEST_VIEW:
+    if alike and view is not None and 0 < view < 200.0:
         alike = [each for each in alike if abs(each.degrees / view - 1) < _NEAR]
     degrees = [each.degrees for each in alike]
     if not alike or max(degrees) > (1 + _AGREE) * min(degrees):

@@ -17,17 +17,13 @@ from unshutter.video.file.row_samples import GYRO_ROWS, ROWS
 from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.synchronisation import GyroRotations
 
-COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
-FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
 _WAITING = (8, 40)  # fewest and most frames awaiting their motion: those of a window, and of its margin ahead
-_AHEAD = 4  # fewest frames of a margin
-_IN_MEMORY = 72_000_000  # bytes of frames awaiting their motion
 
 
 def window_for(size: float) -> Window:
     """Returns the window for estimating motion that memory allows for a frame size [bytes]."""
-    waiting = int(min(max(_IN_MEMORY / size, _WAITING[0]), _WAITING[1]))
-    ahead = min(Window.ahead, max(2 * waiting // 5, _AHEAD))
+    waiting = int(min(max(72_000_000 / size, _WAITING[0]), _WAITING[1]))
+    ahead = min(Window.ahead, max(2 * waiting // 5, 4))
     return Window(core=waiting - ahead, ahead=ahead)
 
 
@@ -52,7 +48,7 @@ def camera_motion(
         focal_px=focal_px,
         scan_direction=request.scan_direction,
         window=window_for(request.clip.frame_bytes),
-        fewest=FEWEST,
+        fewest=8,  # frames of a shot: shorter ones are usually errors, not cuts
         known_rotations=gyro_rotations,
         whole_path=True,
         keep_out=keep_out,
@@ -69,7 +65,7 @@ def grey_copies(request: ClipRequest, frames: Iterable[Frame]) -> Iterator[GreyF
         since = request.clip.since(before, frame)
         if since is None:
             yield None
-        grey, size = request.grey(frame, COPY_SIDE), request.scan_direction.frame_size(frame.height, frame.width)
+        grey, size = request.grey(frame, side=270), request.scan_direction.frame_size(frame.height, frame.width)
         yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=frame.time or 0.0)
         before = frame
 

@@ -96,7 +96,7 @@ def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFram
     """
     frames = _frames_in(request, parts_s) if parts_s else 0
     searches = {Stage.SURVEY: frames, Stage.SEARCH: question.fits * frames}
-    all_frames = _ALL_ASKED * request.frames
+    all_frames = 0.25 * request.frames  # how likely all are asked: the time that is left is right either way
     judging = gain.expected(request, frames, all_frames)
     is_whole = list(parts_s) == [(request.options.start, request.options.end)]
     again = 0 if is_whole or not judging[Stage.JUDGE] else round(all_frames)
@@ -114,9 +114,6 @@ def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFram
         return first
     others = sample_frames(request, others_s, steps)
     return others if len(others_s) == len(parts_s) else first.with_parts(others)
-
-
-_ALL_ASKED = 0.25  # how likely all frames of a clip are asked: enough for the time that is left to be right either way
 
 
 def _spread(request: ClipRequest, frames: Sequence[int]) -> Parts:

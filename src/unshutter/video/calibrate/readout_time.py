@@ -28,8 +28,6 @@ PART, _MIN_PAIRS = 60, 20  # frames in a part, and fewest pairs of a usable one
 MOST_PARTS = 12  # of a clip
 _FAR = 3.0  # standard deviations: parts that differ by more disagree
 _AGREE = 0.6  # least share of the parts' weight that agrees
-_FAST_SHARE = 95  # percentile of the background corners' speed that is used
-_LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more, there is no bound
 SOLVED = 55  # how often a pair of frames is part of a fit, usually
 
 
@@ -192,9 +190,9 @@ def largest_displacement_px(request: ClipRequest, evidence: SampledFrames, longe
         lost += not plane.joined
         if plane.joined:
             moved = tracks if undo.model == "dense" else plane.tracks
-            moved_px = float(np.percentile(np.hypot(*(moved.end - moved.start).T), _FAST_SHARE))
+            moved_px = float(np.percentile(np.hypot(*(moved.end - moved.start).T), 95))
             scale = min(request.frame_size) / min(tracks.height, tracks.width)
             largest = max(largest, reach * (moved_px * scale / (frame.since or 1.0)))
         if largest >= enough_px:
             return largest
-    return np.inf if lost > _LOST_SHARE * frames or frames < 2 else largest
+    return np.inf if lost > 0.05 * frames or frames < 2 else largest

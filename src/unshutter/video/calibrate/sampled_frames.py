@@ -20,8 +20,6 @@ from unshutter.video.file.ahead import ahead
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage, Steps
 
-_AHEAD = 3  # frames
-
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
@@ -111,7 +109,7 @@ def sample_frames(
         before = None
         grey_before = None
         plane_before = None
-        for frame in ahead(request.clip.frames_between(start, end), request.clip.most_ahead(_AHEAD)):
+        for frame in ahead(request.clip.frames_between(start, end), request.clip.most_ahead(3)):
             grey = request.grey(frame, TRACKED_SIDE)
             tracked = TrackedFrame(frame.time or 0.0)
             if grey_before is not None:

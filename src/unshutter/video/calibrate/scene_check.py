@@ -14,12 +14,10 @@ import numpy as np
 from unshutter.frames.self_calibration import Shot
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.calibrate.readout_regression import PairMotion, Regression, regression, runs_of
+from unshutter.video.calibrate.readout_regression import PairMotion, regression, runs_of
 
 _SOURCES = ReadoutSource.FRAMES, ReadoutSource.REGRESSION, ReadoutSource.USUAL  # those that frames may contradict
 _MIN_PAIRS = 30  # pairs of frames
-_MOST = 240  # pairs, the last ones of a scene
-_SURE = 3.0  # standard errors
 _ERROR = 0.15  # largest standard error of a ratio that counts
 _LONGEST = 1.1  # largest such ratio
 
@@ -45,7 +43,11 @@ class SceneCheck:
         """Returns why the frames of a shot are left unchanged; None if their scene does not contradict."""
         self._add(shot)
         shown = regression(runs_of(self._pairs, self._aspect))
-        return Reason(Code.SCENE_CONTRADICTS) if shown is not None and self._is_contradicted_by(shown) else None
+        if shown is None or shown.pairs < _MIN_PAIRS or shown.error > _ERROR or abs(shown.rows.ratio) > _LONGEST:
+            return None
+        # whether it is certain that less than half of the ratio that is undone is there
+        is_certain = self.ratio / 2 - shown.rows.ratio > 3 * shown.error and not shown.is_turned
+        return Reason(Code.SCENE_CONTRADICTS) if is_certain else None
 
     def _add(self, shot: Shot) -> None:
         """Adds the pairs of a shot that are not known yet."""
@@ -61,10 +63,4 @@ class SceneCheck:
                 self._aspect = tracks.height / tracks.width
                 self._pairs.append((PairMotion.through_lens(tracks), end - begin))
                 self._until = end
-        del self._pairs[:-_MOST]
-
-    def _is_contradicted_by(self, shown: Regression) -> bool:
-        """Whether it is certain that less than half of the ratio that is undone is there."""
-        if shown.pairs < _MIN_PAIRS or shown.error > _ERROR or abs(shown.rows.ratio) > _LONGEST or shown.is_turned:
-            return False
-        return self.ratio / 2 - shown.rows.ratio > _SURE * shown.error
+        del self._pairs[:-240]  # pairs, the last ones of a scene

@@ -22,11 +22,9 @@ from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.video.file import gpmf
 from unshutter.video.file.mp4 import DAMAGE, Movie
 
-_MOST_CHUNKS, _LONGEST_CHUNK = 20, 1 << 22  # most chunks of a track that are read; most bytes of one
-_SHORTEST_MS, _LONGEST_MS = 0.1, 1000.0  # plausible readout times
+_MOST_CHUNKS = 20  # most chunks of a track that are read
 _APPLE_KEY = b"com.apple.quicktime.camera.framereadouttimeinmicroseconds"
 _CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # bytes of a packet's content, by its type
-_CAMM_EXPOSURE = 1
 _KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of floating-point values
 _TEXT = 1
 _SIGNED = (21, 65, 66, 67, 74)
@@ -65,7 +63,7 @@ class CameraTags:
 
 def _readout_time(movie: Movie) -> ReadoutTime | None:
     for writer, times in (("Apple", _apple(movie)), ("GoPro", _gopro(movie)), ("CAMM", _camm(movie))):
-        plausible = [ms for ms in times if _SHORTEST_MS <= ms <= _LONGEST_MS]
+        plausible = [ms for ms in times if 0.1 <= ms <= 1000.0]
         if plausible:
             return ReadoutTime.of_ms(median(plausible), ReadoutSource.TAG, writer)
     return None
@@ -128,7 +126,7 @@ def _camm(movie: Movie) -> Iterator[float]:
             (kind,) = struct.unpack_from("<H", chunk, at + 2)
             if kind not in _CAMM_BYTES:
                 break
-            if kind == _CAMM_EXPOSURE:
+            if kind == 1:
                 _, skew_ns = struct.unpack_from("<2i", chunk, at + 4)
                 yield skew_ns / 1e6
             at += 4 + _CAMM_BYTES[kind]
@@ -139,4 +137,4 @@ def _chunks(movie: Movie, kind: bytes) -> Iterator[bytes]:
         if track.sample_kind == kind:
             for chunk in track.chunks()[:_MOST_CHUNKS]:
                 movie.stream.seek(chunk.start)
-                yield movie.stream.read(min(chunk.size, _LONGEST_CHUNK))
+                yield movie.stream.read(min(chunk.size, 1 << 22))

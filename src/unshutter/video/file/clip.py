@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 
 _WHOLE = 0.03  # of a frame interval: times this close to even ones are taken as even
-_NO_TIME = 0.05  # frame intervals: no camera takes frames so fast after one another
-_LONGEST_GAP = 4  # frame intervals; frames farther apart are not neighbours
-_AHEAD_BYTES = 25_000_000  # of frames queued between two steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +56,7 @@ class Clip(ABC):
 
     def most_ahead(self, frames: int) -> int:
         """Returns how many frames may wait between two steps: the given number, or fewer if they are large."""
-        return min(frames, max(1, int(_AHEAD_BYTES / self.frame_bytes)))
+        return min(frames, max(1, int(25_000_000 / self.frame_bytes)))
 
     def since(self, before: Frame | None, frame: Frame) -> float | None:
         """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours.
@@ -72,9 +69,9 @@ class Clip(ABC):
         gap = (frame.time - before.time) / self.interval_s
         if abs(gap - round(gap)) <= max(_WHOLE, 1.01 * tick) and round(gap) > 0:
             gap = float(round(gap))
-        if gap < _NO_TIME:
+        if gap < 0.05:  # frame intervals: no camera takes frames so fast after one another
             return 1.0
-        return gap if 0.2 < gap <= _LONGEST_GAP else None
+        return gap if 0.2 < gap <= 4 else None  # frame intervals; frames farther apart are not neighbours
 
 
 @dataclass(frozen=True)

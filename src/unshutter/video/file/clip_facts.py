@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
 
-_PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
 _LARGE = 6_000_000  # px: such frames are decoded one at a time, to save memory; other steps take longer
-_LEAD_S = 10.0  # s within which files without an index have a key frame
 _NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # FFmpeg estimates their length
 _INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's files, which have their log at the end
 
@@ -65,15 +63,6 @@ class Coding:
         )
 
 
-@dataclass(frozen=True)
-class Others:
-    """The streams of a clip next to its video."""
-
-    has_covers: bool = False  # whether there are cover pictures
-    # first packet of each stream of which there is one among those read, by the stream's index
-    first: dict[int, bytes] = field(default_factory=dict, repr=False)
-
-
 @dataclass(frozen=True, kw_only=True)
 class ClipFacts(Clip):
     """A clip's file, described by its headers and first frame; each reader opens the file separately."""
@@ -81,7 +70,9 @@ class ClipFacts(Clip):
     coding: Coding
     kind: str  # FFmpeg's name of the file's format
     start_s: float  # time at which the file begins, as FFmpeg states it [s]
-    others: Others = field(repr=False)  # its other streams
+    has_covers: bool = field(repr=False)  # whether there are cover pictures
+    # first packet of each stream next to the video of which there is one among those read, by the stream's index
+    first_packets: dict[int, bytes] = field(repr=False)
     can_take_video: bool = field(repr=False)  # whether another video can be put into a copy of the file
     lead_s: float = field(repr=False)  # how much earlier reading must begin so that a key frame comes first [s]
     expected: ExpectedLength = field(repr=False)  # how much of the clip there should be
@@ -201,18 +192,17 @@ def read_clip_facts(
                 kind=kind,
                 start_s=start_s,
                 begin_s=begin_s,
-                others=Others(
-                    has_covers=any(each.disposition & COVER for each in container.streams.video),
-                    first=begun.first,
-                ),
+                has_covers=any(each.disposition & COVER for each in container.streams.video),
+                first_packets=begun.first,
                 data_tracks=data_tracks,
                 can_take_video=movie is not None and mp4_writer.can_take(movie, video.id),
                 may_have_log=ends_with_log or bool(data_tracks),
-                lead_s=math.inf if times.first is None else _LEAD_S if kind in _NO_TABLES else 0.0,
+                # s within which files without an index have a key frame
+                lead_s=math.inf if times.first is None else 10.0 if kind in _NO_TABLES else 0.0,
                 expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),
                 extent=None if begun.reaches_end else begun.extent,
                 timing=FrameTiming(begin, step, begun.delay if kind == "avi" else None),
-                says_interlaced=context.field_order not in _PROGRESSIVE,
+                says_interlaced=context.field_order not in (0, 1),
             )
 
 

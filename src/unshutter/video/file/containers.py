@@ -23,18 +23,15 @@ if TYPE_CHECKING:
 
 ONE_FILM = "only one film of a file is straightened"
 COVER = 0x400  # FFmpeg's disposition of attached pictures: cover art
-_LOOKED_AT = 120  # packets from which the usual frame interval is determined
 # FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
 # open any file on this machine, or fetch one.
 _KINDS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,"
     "nut,dv,wtv,yuv4mpegpipe,gif"
 )
-_LARGEST_FRAME = 1 << 28  # px; a decoder allocates memory before its frames' size can be checked
 _STATE_SECONDS = ("matroska", "flv", "asf")  # FFmpeg's names of formats whose headers hold the length in seconds
 _NEAR = 1.5  # frame intervals: tolerance of the end of a video
 _SHORT = 2.0  # frame intervals: tolerance if another stream may be the longest in a cut-off file
-_REORDERED = 32  # frames within which decoding and presentation order may differ
 _SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which headers of complete files may be wrong
 
 
@@ -91,7 +88,7 @@ def opened_bytes(place: str) -> Iterator[BinaryIO]:
 @contextmanager
 def read_by_ffmpeg(stream: BinaryIO, place: str, **options: str) -> Iterator[VideoFile]:
     """Yields a video through whose open file PyAV reads, from its beginning."""
-    settings = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME), **options}
+    settings = {"format_whitelist": _KINDS, "max_pixels": str(1 << 28), **options}
     library = av()  # outside the try: Ctrl-C during its import would leave half a module for the clause below
     stream.seek(0)
     try:
@@ -151,7 +148,7 @@ class FirstTimes:
     @property
     def are_enough(self) -> bool:
         """Whether further packets would add nothing."""
-        return len(self._times) + self.untimed > _LOOKED_AT
+        return len(self._times) + self.untimed > 120
 
     def add(self, packet: Packet) -> None:
         """Adds the next packet of the video, unless the previous ones suffice."""
@@ -243,7 +240,7 @@ class Extent:
     video_s: float = -math.inf  # end of the video [s]
     all_s: float = -math.inf  # end of all streams [s]
     torn: bool = False  # whether the last packet is damaged
-    latest: deque[float] = field(default_factory=lambda: deque(maxlen=_REORDERED))  # ends of the last frames [s]
+    latest: deque[float] = field(default_factory=lambda: deque(maxlen=32))  # ends of the last frames [s]
 
     def add(self, packet: Packet, of_video: bool) -> None:
         """Adds the next packet."""

@@ -57,7 +57,6 @@ REDUCED = {"yuv444p12le": "yuv444p10le", "yuva444p12le": "yuva444p10le"}  # deco
 _BASE_LAYERS = {"dvh1": "hvc1", "dvhe": "hev1", "dva1": "avc1", "dvav": "avc3", "dav1": "av01"}
 _MOST_TICKS = 65_535  # per second, of coarse times
 _LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
-_LAMBDA = 118  # FFmpeg's units per quality step
 
 
 def _codec(name: str) -> Codec:
@@ -96,8 +95,8 @@ class Encoder:
         if name == "libvpx-vp9":
             options |= {"row-mt": "1"} if rate else {"b": "0", "row-mt": "1"}
         if name == "libx265":
-            options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
-        if name == "libsvtav1" and (hdr := _hdr(clip, _svt_display, _svt_light)):
+            options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, "max-cll={},{}")])
+        if name == "libsvtav1" and (hdr := _hdr(clip, _svt_display, "content-light={},{}")):
             options["svtav1-params"] = ":".join(hdr)
         return cls(name, format_, options, bits_per_s=rate or None)
 
@@ -118,7 +117,7 @@ class Encoder:
             context.sample_aspect_ratio = coding.pixel_aspect
         if self.qscale is not None:
             context.qscale = True
-            context.global_quality = self.qscale * _LAMBDA
+            context.global_quality = self.qscale * 118  # FFmpeg's units per quality step
         if self.bits_per_s is not None:
             context.bit_rate = self.bits_per_s
         if self.name == "mjpeg":
@@ -227,7 +226,7 @@ def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:
 # ---- mastering display ---------------------------------------------------------------------------------
 
 
-def _hdr(clip: ClipFacts, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
+def _hdr(clip: ClipFacts, display: Callable[[list[float]], str], light: str) -> list[str]:
     """Returns a clip's mastering display and light levels as encoder settings."""
     side_data = clip.side_data
     settings = []
@@ -237,7 +236,7 @@ def _hdr(clip: ClipFacts, display: Callable[[list[float]], str], light: Callable
         if all(struct.unpack("=2i", raw[80:88])):
             settings.append(display(values))
     if len(raw := side_data.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
-        settings.append(light(*struct.unpack("=2I", raw[:8])))
+        settings.append(light.format(*struct.unpack("=2I", raw[:8])))
     return settings
 
 
@@ -247,14 +246,6 @@ def _x265_display(v: list[float]) -> str:
     return f"hdr10=1:repeat-headers=1:master-display={points}L({round(1e4 * v[9])},{round(1e4 * v[8])})"
 
 
-def _x265_light(most: int, average: int) -> str:
-    return f"max-cll={most},{average}"
-
-
 def _svt_display(v: list[float]) -> str:
     points = "".join(f"{n}({v[k]:.5f},{v[k + 1]:.5f})" for n, k in (("G", 2), ("B", 4), ("R", 0), ("WP", 6)))
     return f"mastering-display={points}L({v[9]:.4f},{v[8]:.4f})"
-
-
-def _svt_light(most: int, average: int) -> str:
-    return f"content-light={most},{average}"

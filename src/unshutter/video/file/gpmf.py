@@ -24,15 +24,11 @@ from unshutter.video.file.mp4 import Chunk, Movie, NotPlainError
 
 _HEAD = 8  # bytes of an entry before its values
 _NESTED = b"\0"  # type of entries that hold entries
-_DEEPEST = 8  # levels of entries in entries
 _KINDS = {
     **{b"b": ">i1", b"B": ">u1", b"s": ">i2", b"S": ">u2", b"l": ">i4", b"L": ">u4"},
     **{b"j": ">i8", b"J": ">u8", b"f": ">f4", b"d": ">f8"},
 }
-_LONGEST_PACKET, _MOST_PACKETS = 1 << 22, 100_000  # bytes; a day of recording
 _CLOCKS = {b"STMP": 1e-6, b"TICK": 1e-3}  # their units [s]
-_SAME_RATE = 0.02  # share by which a clock may differ from the times of the packets
-_MOST_MISSING = 1_000_000  # samples between two packets
 
 
 class DamagedLogError(UnshutterError):
@@ -56,17 +52,13 @@ class Entry(NamedTuple):
         return np.frombuffer(self.content, kind).reshape(-1, self.size // kind.itemsize).astype(np.float64)
 
 
-def entries(data: bytes) -> Iterator[Entry]:
+def entries(data: bytes, deepest: int = 8) -> Iterator[Entry]:
     """Yields the entries that hold values, at whatever depth, up to the first that is cut off."""
-    return _leaves(data, _DEEPEST)
-
-
-def _leaves(data: bytes, deepest: int) -> Iterator[Entry]:
     for entry in _level(data):
         if entry.kind != _NESTED:
             yield entry
         elif deepest:
-            yield from _leaves(entry.content, deepest - 1)
+            yield from entries(entry.content, deepest - 1)
 
 
 def _level(data: bytes) -> Iterator[Entry]:
@@ -84,9 +76,9 @@ def packets(movie: Movie) -> Iterator[tuple[Chunk, bytes]]:
     """Yields the packets of a file's GPMF tracks, with their place and time."""
     for track in movie.tracks:
         if track.sample_kind == b"gpmd":
-            for packet in track.packets()[:_MOST_PACKETS]:
+            for packet in track.packets()[:100_000]:
                 movie.stream.seek(packet.start)
-                yield packet, movie.stream.read(min(packet.size, _LONGEST_PACKET))
+                yield packet, movie.stream.read(min(packet.size, 1 << 22))
 
 
 def settings(movie: Movie) -> dict[bytes, bytes]:
@@ -165,7 +157,7 @@ class _Sensor:
             return
         first = self._next
         total = _first(stream, b"TSMP")
-        if total is not None and (not self.blocks or 0 <= total - len(values) - first <= _MOST_MISSING):
+        if total is not None and (not self.blocks or 0 <= total - len(values) - first <= 1_000_000):
             first = int(total) - len(values)
         clock = next(
             (unit * value for key, unit in _CLOCKS.items() if (value := _first(stream, key)) is not None), None
@@ -183,7 +175,7 @@ class _Sensor:
         step = (last.at_s - first.at_s) / many
         if first.clock_s is not None and last.clock_s is not None:
             by_clock = (last.clock_s - first.clock_s) / many
-            step = by_clock if abs(by_clock - step) <= _SAME_RATE * step else step
+            step = by_clock if abs(by_clock - step) <= 0.02 * step else step
         numbers = np.concatenate([np.arange(len(block.values)) + block.first - first.first for block in self.blocks])
         values = np.concatenate([block.values for block in self.blocks])
         return np.column_stack([first.at_s + step * numbers, values])

@@ -25,7 +25,6 @@ from unshutter.video.file.row_samples import GYRO_ROWS, ROWS, STRIDE, RowSamples
 
 FORMAT = "unshutter-clip-motion/1"
 _SAVED = tuple((rows - 1) // STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # numbers of rotations per frame in a file
-_LARGEST = 1 << 30  # bytes
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def load_clip_motion(path: Path) -> ClipMotion:
         UnshutterError: the file cannot be read, or is not a motion file.
     """
     try:
-        data = json.loads(read_text(path, _LARGEST))
+        data = json.loads(read_text(path, 1 << 30))
     except OSError as error:
         raise UnshutterError(f"cannot read motion file {path}: {error.strerror}") from None
     except (ValueError, RecursionError):

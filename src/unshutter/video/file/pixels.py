@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt, UInt8
 
 COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
-_FULL_RANGE = 2  # FFmpeg's code
 # Combing is looked for in blocks [rows, columns], of every third column, that differ from rows next to them by so much
 # [8-bit steps]; frames have it if so large a share of these differ more from rows of the other field than of their own
 _BLOCK, _SEEN, _OTHER_FIELD, _COMBED = (8, 11), 4.0, 1.3, 0.02
@@ -131,7 +130,7 @@ class PixelFormat:
 
     def is_full_range(self, frame: Frame) -> bool:
         """Whether 0 is black in a frame."""
-        return isinstance(frame, ArrayFrame) or frame.color_range == _FULL_RANGE or self.name.startswith("yuvj")
+        return isinstance(frame, ArrayFrame) or frame.color_range == 2 or self.name.startswith("yuvj")
 
     def is_combed(self, frame: Frame) -> bool:
         """Whether rows of a frame show two moments: where the picture moves, every other row lies apart.

@@ -12,7 +12,6 @@ from unshutter.progress import ClipObserver
 
 _PATIENCE_S = 2.0  # of work, before anything is said of the rest
 _CLOSING_S = 0.05  # what is left once all frames are done
-_MORE = 0.1  # of what was done of a stage that takes longer than expected: so much is then expected of it
 
 
 class Stage(Enum):
@@ -53,7 +52,6 @@ _COSTS_S = {
 # of these it is known how many frames they are for, but not how many fits each takes: until they are stated to be done,
 # half as many are expected as were done
 _GUESSED = {Stage.SEARCH, Stage.JUDGE, Stage.JUDGE_ALL}
-_MORE_OF_GUESSED = 0.5
 
 
 class Work:
@@ -97,9 +95,9 @@ class Work:
         with self._one_at_a_time:
             self._done[stage] += items
             if stage in _GUESSED:
-                self._left[stage] = max(self._left[stage], items + int(_MORE_OF_GUESSED * self._done[stage]))
+                self._left[stage] = max(self._left[stage], items + int(0.5 * self._done[stage]))
             elif self._left[stage] < items:
-                self._left[stage] = items + int(_MORE * self._done[stage])
+                self._left[stage] = items + int(0.1 * self._done[stage])  # it takes longer than expected
             cost_s = self._costs_s[stage] * items
             self._share += (1 - self._share) * cost_s / self._left_s
             self._left[stage] -= items

@@ -113,7 +113,7 @@ class VideoWriter:
             if stream.index == source.video.index:
                 continue
             fate = Fate.CARRIED
-            packet = clip.others.first.get(stream.index)
+            packet = clip.first_packets.get(stream.index)
             tags = stream.metadata
             if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
                 continue  # the titles of the chapters, which the container writes again
@@ -138,7 +138,7 @@ class VideoWriter:
 
     def _tags(self, tags: Any) -> dict[str, str]:
         """Returns tags as a new file has them: with the timecode of the part's first frame."""
-        kept = _portable_tags(tags)
+        kept = {key: value for key, value in dict(tags).items() if key not in _REGENERATED}
         start_s, _ = self._part
         if start_s is not None and "timecode" in kept:
             first_s = float(self._clip.timing.start * (self._clip.coding.time_base or 0))
@@ -287,7 +287,7 @@ def start_of(clip: ClipFacts, ending: str) -> float:
 
 def holds_covers(ending: str, clip: ClipFacts) -> bool:
     """Whether a video of this file ending gets its cover pictures from ``mp4_writer.write_with_covers``."""
-    return ending.lower() in _MP4 and clip.others.has_covers
+    return ending.lower() in _MP4 and clip.has_covers
 
 
 def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
@@ -381,10 +381,6 @@ def _name(stream: Any) -> str:
     codec = stream.codec_context
     codec_name = f", {codec.name}" if codec is not None else ""
     return tags.get("handler_name", "").strip() or tags.get("filename") or f"{stream.type}{codec_name}"
-
-
-def _portable_tags(tags: Any) -> dict[str, str]:
-    return {key: value for key, value in dict(tags).items() if key not in _REGENERATED}
 
 
 _REGENERATED = {"encoder", "major_brand", "minor_version", "compatible_brands"}

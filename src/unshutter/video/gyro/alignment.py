@@ -21,7 +21,7 @@ from unshutter.motion.shapes import Float64
 from unshutter.progress import Count, uncounted
 from unshutter.reasons import Code, Reason
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog, Pair
-from unshutter.video.gyro.synchronisation import Adjusted, Adjustment, GyroRotations
+from unshutter.video.gyro.synchronisation import Adjustment, GyroRotations
 
 _HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
 
@@ -57,16 +57,12 @@ PARAMS = AlignmentParams()
 class Synchronisation:
     """Alignment of a log with a clip, and how well the clip follows the log."""
 
-    adjusted: Adjusted  # the alignment with its errors
+    alignment: Alignment
+    ratio_error: float  # standard deviation of its readout ratio; 0 if that was known
     # correlation of the rotations of frames with the log's; of the rotations or of their changes, whichever is less
     follows: float
     rotations_px: float  # size of the rotations between frames in the log, without the constant part [px of ROWS rows]
     ratio_known: bool  # whether the readout ratio was known beforehand
-
-    @property
-    def alignment(self) -> Alignment:
-        """The adjusted alignment, without its errors."""
-        return self.adjusted.alignment
 
     @property
     def reason(self) -> Reason | None:
@@ -82,9 +78,7 @@ class Synchronisation:
         """Whether the clip and its log determine the readout ratio."""
         shortest, longest = PARAMS.ratios
         possible = shortest < self.alignment.ratio < longest
-        return (
-            not self.ratio_known and self.reason is None and possible and self.adjusted.ratio_error < PARAMS.sure_ratio
-        )
+        return not self.ratio_known and self.reason is None and possible and self.ratio_error < PARAMS.sure_ratio
 
 
 def synchronised(
@@ -129,12 +123,13 @@ def synchronised(
     for start in starts:
         part = log.between(start.offset_s + ends[0], start.offset_s + ends[1])
         adjustment = Adjustment(part, pairs, usual, focal_known=focal_px is not None, ratio_known=ratio is not None)
-        solved.append((adjustment.solve(start, count), part))
-    (adjusted, part), *rivals = solved
-    for rival, beside in rivals:
-        adjusted, part = (rival, beside) if rival.noise_px < PARAMS.better * adjusted.noise_px else (adjusted, part)
-    follows, rotations_px = _agreement(part, pairs, adjusted.alignment)
-    return Synchronisation(adjusted, follows, rotations_px, ratio is not None)
+        solved.append((*adjustment.solve(start, count), part))
+    best, *rivals = solved
+    for rival in rivals:
+        best = rival if rival[1] < PARAMS.better * best[1] else best  # by the noise of the tracks
+    alignment, _, ratio_error, part = best
+    follows, rotations_px = _agreement(part, pairs, alignment)
+    return Synchronisation(alignment, ratio_error, follows, rotations_px, ratio is not None)
 
 
 def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tuple[float, float]:

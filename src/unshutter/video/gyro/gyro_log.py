@@ -27,10 +27,8 @@ from unshutter.storage.files import check_plain
 from unshutter.video.file import gpmf
 
 _GAP = 3.0  # multiple of the usual interval: in a longer one samples are missing
-_MOST_DISORDER = 0.01  # maximum share of samples out of order
-_FASTEST = 100.0  # rad/s; faster rates must be in another unit
 _LARGEST = 1e12  # s, rad/s, m/s^2: larger numbers are damage
-_MIN_HZ, _MIN_SAMPLES = 20.0, 16  # samples per second, and in total: fewer do not show how a camera turned
+_MIN_HZ = 20.0  # samples per second: fewer do not show how a camera turned
 GRAVITY = 9.81  # m/s^2
 
 
@@ -58,15 +56,15 @@ class GyroLog:
         possible = (np.abs(times) < _LARGEST) & (np.abs(rates) < _LARGEST).all(axis=1)
         times = times[possible]
         rates = rates[possible]
-        if len(times) < _MIN_SAMPLES:
+        if len(times) < 16:
             raise UnshutterError(f"{self.origin}: the log has only {len(times)} gyro samples")
-        if (np.diff(times) <= 0).mean() > _MOST_DISORDER:
+        if (np.diff(times) <= 0).mean() > 0.01:
             raise UnshutterError(f"{self.origin}: the times of the log do not increase")
         times, order = np.unique(times, return_index=True)
         rates = rates[order]
         if 1 / np.median(np.diff(times)) < _MIN_HZ:
             raise UnshutterError(f"{self.origin}: the log has fewer than {_MIN_HZ:g} gyro samples a second")
-        if np.quantile(np.abs(rates), 0.9) > _FASTEST:
+        if np.quantile(np.abs(rates), 0.9) > 100.0:
             raise UnshutterError(f"{self.origin}: the log's rates cannot be rates of a camera: is their unit right?")
         force = np.asarray(self.force, np.float64).reshape(-1, 4)
         force = force[(np.abs(force) < _LARGEST).all(axis=1)]
@@ -153,8 +151,6 @@ def chained(rotations: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3
 
 
 _HEADS = ("GYROFLOW IMU LOG", "CAMERA IMU LOG")  # first lines of .gcsv files
-_LARGEST_FILE = 1 << 30  # bytes
-_LONGEST_HEAD = 100  # lines
 
 
 def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
@@ -162,7 +158,7 @@ def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
     place = Path(path)
     try:
         check_plain(place)
-        if place.stat().st_size > _LARGEST_FILE:
+        if place.stat().st_size > 1 << 30:
             raise UnshutterError(f"{place} is too large for a gyro log")
         with place.open("rb") as stream:
             is_gcsv = stream.readline(200).strip().decode("utf-8", "replace").upper() in _HEADS
@@ -241,7 +237,7 @@ def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
             break
         if len(words) > 1:
             reported[words[0].lower()] = words[1]
-        if len(reported) > _LONGEST_HEAD:
+        if len(reported) > 100:
             break
     if not columns:
         raise UnshutterError(f"{name}: no line names the log's columns (t,gx,gy,gz,...)")

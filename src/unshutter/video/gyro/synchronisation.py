@@ -58,15 +58,6 @@ _MOST_CHANGE = np.array([0.1] * 3 + [0.01, 1e-3] + [0.02] * 3 + [0.15, 0.2])  # 
 _COMMONS = 8  # parameters of the motion of a plane between two frames
 
 
-@dataclass(frozen=True)
-class Adjusted:
-    """An adjusted alignment and its errors."""
-
-    alignment: Alignment
-    noise_px: float  # noise of the tracks [px of ROWS rows]
-    ratio_error: float  # standard deviation of the readout ratio; 0 if it was known
-
-
 @dataclass(eq=False)
 class Adjustment:
     """The tracks of a clip and the log that should predict them."""
@@ -143,11 +134,15 @@ class Adjustment:
 
     # ---- solution --------------------------------------------------------------------------------------
 
-    def solve(self, start: Alignment, count: Count = uncounted) -> Adjusted:
+    def solve(self, start: Alignment, count: Count = uncounted) -> tuple[Alignment, float, float]:
         """Finds the alignment that best predicts the tracks.
 
         Args:
             count: called after each round, with the number of pairs.
+
+        Returns:
+            The alignment, the noise of the tracks [px of ROWS rows], and the standard deviation of the readout ratio,
+            0 if it was known.
         """
         priors = np.array(_PRIORS)
         priors[[_FOCAL, _RATIO]] *= [not self.focal_known, not self.ratio_known]
@@ -183,7 +178,7 @@ class Adjustment:
             errors[free] = self._errors(matrix, slopes, weights * (left - self._along(common)))[: len(free)]
             if (np.abs(delta[: len(free)]) < _PARAMS.negligible * errors[free]).all():
                 break
-        return Adjusted(changed(start, change), float(noise), errors[_RATIO])
+        return changed(start, change), float(noise), errors[_RATIO]
 
     def _along(self, common: np.ndarray) -> np.ndarray:
         """Returns the displacements [pairs, 2 most] of tracks by each pair's own motion."""
@@ -296,12 +291,11 @@ class GyroRotations:
 
 _SPREAD_S = 2.0  # standard deviation of the average: longer than steps and swings, shorter than the gyro's drift
 _RATE_HZ = 20.0  # rate of the averaged samples
-_MIN_SAMPLES = 16  # number of samples
 
 
 def has_gravity(log: GyroLog) -> bool:
     """Whether the log contains acceleration that shows which way is up."""
-    return len(log.force) >= _MIN_SAMPLES
+    return len(log.force) >= 16
 
 
 def up_directions(

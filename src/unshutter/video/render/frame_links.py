@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -33,12 +33,8 @@ _ALMOST_ALL = 0.8  # share of the picture found in both frames
 _MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this large, the flow is computed at half the size
 
 
-@dataclass(frozen=True)
-class Lender:
-    """A frame from which another one may borrow areas that it does not show."""
-
-    planes: list[UInt[np.ndarray, "rows columns *bands"]]  # its pixels as stored
-    grid: SamplingGrid  # where each pixel of the rectified frame is sampled in it
+# the stored pixels of a frame from which another one may borrow, and where each pixel of that is sampled in it
+Lender: TypeAlias = "tuple[list[UInt[np.ndarray, 'rows columns *bands']], SamplingGrid]"
 
 
 @dataclass(frozen=True)
@@ -59,13 +55,13 @@ class LinkedFrame:
         """
         if not self.links or not undo.strength:
             return None, []
-        motion = motion_field(self.links, self.timing, self.timing.moment(undo.reference))
-        if motion.reason:
+        field, _, reason = motion_field(self.links, self.timing, self.timing.moment(undo.reference))
+        if reason:
             return None, []
-        own = motion.field.shift(0)
+        own = field.shift(0)
         remainder = (1 - undo.strength) * own  # remaining distortion
-        lenders = [
-            Lender(planes, self._grid(motion.field.shift(side * self.links[side].apart) - remainder))
+        lenders: list[Lender] = [
+            (planes, self._grid(field.shift(side * self.links[side].apart) - remainder))
             for side, planes in self.planes.items()
         ]
         return self._grid(own - remainder), lenders

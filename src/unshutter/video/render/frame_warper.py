@@ -111,16 +111,16 @@ class Warper:
             plane = Extent.of_picture(rows, columns, 0.5, 0.5)  # with the outer halves of its border pixels
             bands = [
                 each.bands(across, down, scratch)
-                for each, scratch in zip((own, *(lender.grid for lender in lenders)), self._scratches, strict=False)
+                for each, scratch in zip((own, *(grid for _, grid in lenders)), self._scratches, strict=False)
             ]
             for (band, positions), *theirs in zip(*bands, strict=True):
                 missing = ~plane.holds(*positions)
-                for lender, (_, there) in zip(lenders, theirs, strict=True):
+                for (planes, _), (_, there) in zip(lenders, theirs, strict=True):
                     if not missing.any():
                         break
                     has = missing & plane.holds(*there)
                     for k in alike:
-                        _borrow_plane(lender.planes[k], there, out[k][band], has, limit)
+                        _borrow_plane(planes[k], there, out[k][band], has, limit)
                     missing &= ~has
 
     def _dressed(self, picture: Frame, frame: Frame) -> Frame:

@@ -144,7 +144,15 @@ def straight_view(request: ClipRequest) -> StraightView:
     return StraightView.of(request.lens, request.scan_direction, width / height)
 
 
-def with_steady_views(rendering: Rendering) -> Rendering:
+def with_views(rendering: Rendering) -> Rendering:
+    """Returns how a clip is rendered as its options ask: stabilised, and enlarged until no border shows."""
+    options = rendering.request.options
+    if options.steadiness.stabilize is not None:
+        rendering = _with_steady_views(rendering)
+    return _with_hidden_borders(rendering) if options.may_enlarge else rendering
+
+
+def _with_steady_views(rendering: Rendering) -> Rendering:
     """Returns how a clip is rendered stabilised, after a first pass that determines the camera's path."""
     request = rendering.request
     options = rendering.request.options
@@ -171,7 +179,7 @@ def with_known_motion(rendering: Rendering) -> Rendering:
     return replace(rendering, path=_path_of(rendering))
 
 
-def with_hidden_borders(rendering: Rendering) -> Rendering:
+def _with_hidden_borders(rendering: Rendering) -> Rendering:
     """Returns how a clip is rendered with all frames enlarged alike, as far as a first pass finds necessary.
 
     A stabilised path has its zoom already.

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from unshutter.frames.frame_motion import Step
-from unshutter.frames.smoothing import Room, Smoothing, stiffness_for
+from unshutter.frames.smoothing import Smoothing, stiffness_for
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
@@ -237,7 +237,7 @@ class _Scene:
                 inside, slopes = margins(self.borders, rotations, self.focal, zoom, self.aspect, self.lens)
                 slopes = slopes / self.focal  # heights per unit
                 left = inside - _SPARE - np.einsum("nmi,ni->nm", slopes, rotations * self.focal)
-                room = Room(-slopes, left * _ROWS)
+                room = -slopes, left * _ROWS
             smoothing = Smoothing(self.times, stiffness, weights)
             rotations = smoothing.corrections(self._path(rotations) * unit, target * unit, room) / unit
         return rotations
