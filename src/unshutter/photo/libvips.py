@@ -273,7 +273,7 @@ def computed(image: pyvips.Image) -> np.ndarray:
 
 
 def as_image(pixels: np.ndarray) -> pyvips.Image:
-    """Wraps pixels [H, W, bands] as a libvips image without copying if it can, in the interpretation of :func:`standard`."""
+    """Wraps pixels [H, W, bands] as a libvips image, without copying if it can, as :func:`standard` says."""
     height, width, bands = pixels.shape
     kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
     return standard(
