@@ -142,20 +142,6 @@ class WeightsError(UnshutterError):
     """The weights cannot be used for any photo."""
 
 
-class CropTooSmallError(UnshutterError):
-    """Cropping would leave almost nothing of the picture."""
-
-    share_left: float | None = None  # share of the picture's area that would be left; None: unknown
-
-    @classmethod
-    def leaving(cls, share_left: float, subject: str) -> CropTooSmallError:
-        """Creates the error of a crop that would leave this share of a subject: ``photo``, ``frame``."""
-        percent = 100 * share_left
-        error = cls(f"cropping would leave {percent:.0f} % of the {subject}: use other edges, keep or fill")
-        error.share_left = share_left
-        return error
-
-
 class UsageError(UnshutterError):
     """The request itself is invalid, regardless of the input (exit code 2)."""
 

@@ -85,9 +85,6 @@ class Matches:
     photo: Float64[np.ndarray, "matches 2"]
     frame: Float64[np.ndarray, "matches 2"]  # [N, 2] (col, row) from the frame's centre [px of the frame]
 
-    def __len__(self) -> int:
-        return len(self.photo)
-
 
 def placement(
     photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from unshutter.errors import CropTooSmallError
+from unshutter.errors import UnshutterError
 from unshutter.motion.grid import SamplingGrid, Tile
 from unshutter.motion.shapes import Bool
 from unshutter.options import Edges
@@ -77,7 +77,10 @@ class EdgePolicy:
         if share >= LEAST_CROP:
             return EdgeDecision("crop", window, share)
         if self.must_crop:
-            raise CropTooSmallError.leaving(share, subject)
+            percent = 100 * share
+            raise UnshutterError(
+                f"cropping would leave {percent:.0f} % of the {subject}: use other edges, keep or fill"
+            )
         return EdgeDecision("keep", whole, share)
 
     def without_motion(self, size: Size) -> EdgeDecision:

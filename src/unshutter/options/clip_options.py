@@ -8,13 +8,12 @@ from pathlib import Path
 
 from unshutter.errors import UsageError
 from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_count, check_time, option
-from unshutter.options.fields import check_values
+from unshutter.options.fields import LONGEST, check_values
 from unshutter.options.photo_options import Edges, check_focal, check_ratio
 from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 
 MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
-_LONGEST_S = 1e9
 GYRO_OFF = "off"
 JOIN = "to make a video from pictures: ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 video.mp4"
 USUAL_PERIOD_S = 2.0
@@ -194,7 +193,7 @@ def _check_span(start: float | None, end: float | None) -> None:
     """Raises UsageError if a part of a clip ends before it begins."""
     first = start or 0.0
     last = math.inf if end is None else end
-    if not 0 <= first < _LONGEST_S or not (last > first and (end is None or last < _LONGEST_S)):
+    if not 0 <= first < LONGEST or not (last > first and (end is None or last < LONGEST)):
         raise UsageError("{--start} must be 0 or later, and {--end} after it, in seconds")
 
 

@@ -51,14 +51,14 @@ def positional(help: str, names: Names, optional: bool = False, pipe: bool = Fal
     return field(metadata={"help": help, "names": names, "positional": True, "optional": optional, "pipe": pipe})
 
 
-_LONGEST = 1e9  # of a time, in any unit
+LONGEST = 1e9  # of a time, in any unit
 _LARGEST = 1e15  # of any number
 
 
 def check_time(option: str, time: float | None, unit: str) -> None:
     """Checks the time that an option takes; None is allowed."""
-    if time is not None and not 0 < time <= _LONGEST:
-        raise UsageError(f"{{--{option}}} must be above 0 and at most {_LONGEST:g} {unit}, got {time:g} {unit}")
+    if time is not None and not 0 < time <= LONGEST:
+        raise UsageError(f"{{--{option}}} must be above 0 and at most {LONGEST:g} {unit}, got {time:g} {unit}")
 
 
 def check_count(option: str, number: int | None) -> None:

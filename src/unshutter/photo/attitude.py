@@ -22,7 +22,6 @@ from unshutter.photo import exif, maker_notes
 from unshutter.photo.directories import EXIF
 from unshutter.photo.regions import is_panorama
 
-_LENS_MODEL = 0xA434
 _APPLE_VECTOR = 0x0008
 _GRAVITY_IN_G = (0.94, 1.06)  # of a phone at rest; edited files contain arbitrary values
 
@@ -46,7 +45,7 @@ def of_photo(
     Orientation, height and width are those of the stored pixels.
     """
     vector = maker_notes.apple(blob).numbers(_APPLE_VECTOR)  # gravity is (-y, -x, -z): right, down, forward
-    is_front = "front" in exif.read(blob).text(_LENS_MODEL, EXIF).lower()  # for it, the vector has another frame
+    is_front = "front" in exif.read(blob).text(exif.LENS_MODEL, EXIF).lower()  # for it, the vector has another frame
     if len(vector) == 3 and _GRAVITY_IN_G[0] <= math.hypot(*vector) <= _GRAVITY_IN_G[1] and not is_front:
         gravity = -vector[1], -vector[0], -vector[2]
         return _in_picture(gravity, "accelerometer (Apple)", orientation, height, width)

@@ -146,6 +146,7 @@ APP13 = 0xED
 APP14 = 0xEE
 COMMENT = 0xFE
 LONGEST = 65_533  # bytes of content
+XMP_PREFIX = b"http://ns.adobe.com/xap/1.0/\0"
 _IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, unlike restart markers
 _FILL = b"\0\xff \r\n\t"
 

@@ -35,11 +35,13 @@ _RESOLUTION_UNIT = 0x0128
 _INCH = 2
 _IMAGE_WIDTH = 0x0100
 _IMAGE_HEIGHT = 0x0101
-_COMPRESSION = 0x0103
+COMPRESSION = 0x0103
+PHOTOMETRIC = 0x0106
 _ORIENTATION = 0x0112
 _PIXEL_WIDTH = 0xA002
 _PIXEL_HEIGHT = 0xA003
-_FOCAL_35MM = 0xA405
+LENS_MODEL = 0xA434
+FOCAL_35MM = 0xA405
 _SUBJECT_PLACES = (0x9214, 0xA214)  # SubjectArea, SubjectLocation [px]
 SOFTWARE = 0x0131
 _ENTRY_BYTES = 12
@@ -120,7 +122,7 @@ def with_header(blob: bytes | None) -> bytes | None:
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
     """Returns the focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None if unknown."""
-    focal_mm = read(blob).number(_FOCAL_35MM, tiff.EXIF)
+    focal_mm = read(blob).number(FOCAL_35MM, tiff.EXIF)
     return focal_mm * math.hypot(height, width) / math.hypot(36, 24) if focal_mm else None
 
 
@@ -305,7 +307,7 @@ def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> byt
     if jpeg is not None and editor.link_at and len(editor.data) + len(jpeg) + 100 <= 65_000:
         start = editor.end()
         order = editor.order
-        tags = ((_COMPRESSION, 3, 6), (_ORIENTATION, 3, orientation))  # 6: JPEG
+        tags = ((COMPRESSION, 3, 6), (_ORIENTATION, 3, orientation))  # 6: JPEG
         tags += ((tiff.THUMBNAIL, 4, start + 2 + 12 * 4 + 4), (tiff.THUMBNAIL_LENGTH, 4, len(jpeg)))
         directory = struct.pack(order + "H", len(tags)) + b"".join(tiff.encoded_number(order, *tag) for tag in tags)
         editor.data += directory + bytes(4) + jpeg

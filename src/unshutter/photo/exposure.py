@@ -26,8 +26,6 @@ _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
 _PANORAMA = 6
 _APPLE_HDR = 0x000A
 _EXPOSURE_MODE = 0xA402
-_LENS_MODEL = 0xA434
-_FOCAL_35MM = 0xA405
 _FISHEYE = re.compile(r"fish-?\s?eye", re.IGNORECASE)
 _ACTION_CAMERA = re.compile(r"gopro|insta360|arashi vision|osmo ?action|sjcam|akaso", re.IGNORECASE)
 _SETTINGS = 0x829D, 0x8827, 0x920A, 0x9206  # aperture, ISO, focal length, distance of the subject
@@ -66,8 +64,8 @@ def blob_of(time_s: float) -> bytes | None:
 def bends_lines(blob: bytes | None) -> bool:
     """Whether a photo was taken by an action camera or a fisheye, by their names, or wider than straight lenses are."""
     tree = exif.read(blob)
-    name = f"{camera(blob)} {tree.text(_LENS_MODEL, EXIF)}"
-    mm = tree.number(_FOCAL_35MM, EXIF) or 0
+    name = f"{camera(blob)} {tree.text(exif.LENS_MODEL, EXIF)}"
+    mm = tree.number(exif.FOCAL_35MM, EXIF) or 0
     by_action_camera = _ACTION_CAMERA.search(name) is not None and mm < 20  # with more, lines were straightened
     return by_action_camera or _FISHEYE.search(name) is not None or 0 < mm < 10
 

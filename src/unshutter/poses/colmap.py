@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.motion.motion_file import MOST_SIDE
 from unshutter.motion.shapes import Float64
 from unshutter.storage.files import check_plain
 
@@ -39,7 +40,6 @@ MODELS = {
     "EQUIRECTANGULAR": "w h",
 }
 _LARGEST = 1 << 33  # bytes of a file
-_MOST_SIDE = 1_000_000  # px
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _camera(model: str, width: int, height: int, parameters: list[float]) -> Col
             "the frames of each lens"
         )
     camera = ColmapCamera(model, width, height, dict(zip(names, parameters, strict=True)))
-    if not (1 <= width <= _MOST_SIDE and 1 <= height <= _MOST_SIDE and min(camera.focal_px) > 0):
+    if not (1 <= width <= MOST_SIDE and 1 <= height <= MOST_SIDE and min(camera.focal_px) > 0):
         raise ValueError(f"a camera of {width}x{height} px with a focal length of {camera.focal_px[0]:g} px")
     if not np.isfinite(parameters).all():
         raise ValueError("parameters that are not numbers")

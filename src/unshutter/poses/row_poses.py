@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
+from unshutter.frames.frame_motion import READOUT_FRACTION
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio, option
@@ -38,7 +39,6 @@ from unshutter.poses.frame_rotations import (
 )
 from unshutter.reasons import Reason
 
-READOUT_FRACTION = {"first": 0.0, "middle": 0.5, "last": 1.0}  # of the lines
 _MOST_ROWS = 1001
 
 

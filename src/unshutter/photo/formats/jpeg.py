@@ -17,7 +17,18 @@ from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
 from unshutter.photo import chunks, exif, xmp
-from unshutter.photo.chunks import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind, insert
+from unshutter.photo.chunks import (
+    APP0,
+    APP1,
+    APP2,
+    APP13,
+    APP14,
+    COMMENT,
+    XMP_PREFIX,
+    before_the_scan,
+    bytes_behind,
+    insert,
+)
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import appended_video
 from unshutter.photo.formats import picture_format
@@ -39,14 +50,13 @@ _LUMINANCE = (
 )
 
 _JFIF = b"JFIF\0"
-_XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _MORE_XMP = b"http://ns.adobe.com/xmp/extension/\0"
 _PICTURES = b"MPF\0"
 _METADATA = (*range(APP0, APP0 + 16), COMMENT)
 # Segments that libvips reads, or that only describe the encoding of this file.
 _READ: dict[int, tuple[bytes, ...]] = {
     APP0: (_JFIF, b"JFXX\0", b"AVI1"),
-    APP1: (EXIF_PREFIX, _XMP),
+    APP1: (EXIF_PREFIX, XMP_PREFIX),
     APP2: (b"ICC_PROFILE\0",),
     APP13: (chunks.RESOURCES_PREFIX,),
     APP14: (b"Adobe",),
@@ -133,7 +143,7 @@ class Jpeg(WrittenFormat):
 
 
 def _is_too_long(packet: bytes | None) -> bool:
-    return packet is not None and len(packet) + len(_XMP) > chunks.LONGEST
+    return packet is not None and len(packet) + len(XMP_PREFIX) > chunks.LONGEST
 
 
 def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
@@ -150,7 +160,7 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     video = appended_video(file, xmp.video_bytes(metadata.xmp))
     if video is not None:
         left_behind += video.left_behind
-    left_behind += [chunks.OTHER for start in (EXIF_PREFIX, _XMP) if len(_beginning(listed, APP1, start)) > 1]
+    left_behind += [chunks.OTHER for start in (EXIF_PREFIX, XMP_PREFIX) if len(_beginning(listed, APP1, start)) > 1]
     has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which are named elsewhere
     if not has_pictures and bytes_behind(file) > (video.taken_from if video else 0):
         left_behind.append(chunks.OTHER)

@@ -176,7 +176,6 @@ _ATTRIBUTES = {
     **{_XMP: "xmp", b"xmp": "xmp", b"exif": "exif", b"app1": "exif"},
     **{b"iptc": "resources", b"8bim": "resources", b"icc": "icc", b"icm": "icc"},
 }
-_XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/\0"
 _LONGEST = 1 << 26  # maximum size of a decompressed text that is metadata [bytes]
 _MOST_PACKED = 1032  # how many times longer than packed data their content can be
 _HEX_LINE = 72  # characters
@@ -230,8 +229,8 @@ def _unpacked_profile(content: bytes) -> bytes:
 
 def _meaning(kind: bytes, data: bytes) -> tuple[str, bytes]:
     """Identifies the metadata in a raw profile, for the kind ``app1`` by its first bytes."""
-    if data.startswith(_XMP_OF_JPEG):
-        return "xmp", data.removeprefix(_XMP_OF_JPEG)
+    if data.startswith(chunks.XMP_PREFIX):
+        return "xmp", data.removeprefix(chunks.XMP_PREFIX)
     attribute = _ATTRIBUTES[kind]
     if attribute == "exif" and not exif.read(data):
         return "exif", b""

@@ -124,7 +124,6 @@ def _opened(source: Source) -> Iterator[rawpy.RawPy]:
 
 # ---- missing data ------------------------------------------------------------------------------------
 
-_PHOTOMETRIC = 0x0106
 _SUB_PICTURES = 0x014A
 _TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # starts and lengths of strips and tiles
 _OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: colour filter array, linear raw
@@ -146,7 +145,7 @@ def is_whole(file: BinaryIO) -> bool | None:
     if tree is None:
         return None
     pictures = [*tree.pages, *_sub_pictures(file, tree)]
-    sensors = [each for each in pictures if _numbers(each, _PHOTOMETRIC, tree)[:1] in _OF_SENSORS]  # not previews
+    sensors = [each for each in pictures if _numbers(each, exif.PHOTOMETRIC, tree)[:1] in _OF_SENSORS]  # not previews
     if any(start >= length for picture in sensors for start, _ in _parts(picture, tree)):
         return False
     parts = [part for picture in pictures for part in _parts(picture, tree)]

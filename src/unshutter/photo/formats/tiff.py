@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-_COMPRESSION = 0x0103
-_PHOTOMETRIC = 0x0106
 _SAMPLES = 0x0115
 _EXTRA_SAMPLES = 0x0152
 _OLD_JPEG, _JPEG = 6, 7  # compressions
@@ -63,7 +61,7 @@ class Tiff(WrittenFormat):
         image = picture_format.open_image(self, source)
         coding = Coding(
             bits=field(image, "bits-per-sample", 8),
-            compression=tree.number(_COMPRESSION),
+            compression=tree.number(exif.COMPRESSION),
             masked=_extra_samples(tree) == 1 and tree.number(_EXTRA_SAMPLES) not in _TRANSPARENCY,
         )
         metadata = picture_format.metadata_of(image)
@@ -119,11 +117,11 @@ def _exact(resolution: Resolution) -> dict[int, Entry]:
 
 def _check_kind(source: Source, tree: Tree) -> None:
     """Rejects files that libvips would read wrongly."""
-    if tree.number(_COMPRESSION) == _OLD_JPEG:
+    if tree.number(exif.COMPRESSION) == _OLD_JPEG:
         raise UnshutterError(
             "{photo} contains an old-style JPEG: save it again with another program first", photo=source
         )
-    if _COLOURS.get(tree.number(_PHOTOMETRIC)) == 1 and _extra_samples(tree) > 1:
+    if _COLOURS.get(tree.number(exif.PHOTOMETRIC)) == 1 and _extra_samples(tree) > 1:
         raise UnshutterError(
             f"{{photo}} has {_extra_samples(tree)} channels in addition to grey: convert it to grey or RGB first",
             photo=source,
@@ -133,7 +131,7 @@ def _check_kind(source: Source, tree: Tree) -> None:
 def _extra_samples(tree: Tree) -> int:
     """Returns the number of channels beyond grey or RGB."""
     samples = tree.number(_SAMPLES) or 1
-    return samples - _COLOURS.get(tree.number(_PHOTOMETRIC), samples)
+    return samples - _COLOURS.get(tree.number(exif.PHOTOMETRIC), samples)
 
 
 def _unknown_tags(tree: Tree) -> list[str]:

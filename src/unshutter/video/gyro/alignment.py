@@ -13,7 +13,7 @@ from itertools import permutations
 
 import numpy as np
 
-from unshutter.frames.camera import ROWS, track_jacobian
+from unshutter.frames.camera import track_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import GUESSED_RATIO
 from unshutter.motion.robust import falling_weights
@@ -21,9 +21,7 @@ from unshutter.motion.shapes import Float64
 from unshutter.progress import Count, uncounted
 from unshutter.reasons import Code, Reason
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog, Pair
-from unshutter.video.gyro.synchronisation import Adjustment, GyroRotations
-
-_HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
+from unshutter.video.gyro.synchronisation import HALF, Adjustment, GyroRotations
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,7 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
     of a frame turned differently, they are only a mean. The correlation between two halves of the tracks shows how much
     of the picture's rotations is not noise.
     """
-    scale = np.array([1, 1, _HALF / alignment.focal_px])
+    scale = np.array([1, 1, HALF / alignment.focal_px])
     gyro = GyroRotations(log, alignment)
     halves = []
     logged = []
@@ -205,7 +203,7 @@ def _coarse(
     log: GyroLog, pairs: Sequence[Pair], offsets_s: Sequence[tuple[float, float]], lag_s: float, focal_px: float
 ) -> list[tuple[np.ndarray, float, float]]:
     """Finds axes, offset [s] and focal length [px of ROWS rows] at which frames and log agree best, and rivals."""
-    seen = np.array([frame_rotations(pair, focal_px)[:3] for pair in pairs]) * [1, 1, _HALF / focal_px]
+    seen = np.array([frame_rotations(pair, focal_px)[:3] for pair in pairs]) * [1, 1, HALF / focal_px]
     seen -= seen.mean(axis=0)
     begin, end = (np.array([getattr(pair, name) for pair in pairs]) for name in ("begin_s", "end_s"))
     ways = _ways()
@@ -221,7 +219,7 @@ def _coarse(
             width = power[..., 0] + power[..., 1]
             focal = np.clip(sideways / (width + 1e-12), PARAMS.focals[0] * focal_px, PARAMS.focals[1] * focal_px)
             cost = (seen**2).sum() + focal**2 * width - 2 * focal * sideways
-            cost += _HALF**2 * power[..., 2] - 2 * _HALF * along[..., 2]
+            cost += HALF**2 * power[..., 2] - 2 * HALF * along[..., 2]
             best = np.arange(len(lags)), cost.argmin(axis=1)
             tried.append((lags, cost[best], best[1], focal[best]))
     lags, cost, way, focal = (np.concatenate(each) for each in zip(*tried, strict=True))

@@ -30,7 +30,7 @@ from unshutter.motion.shapes import Float64
 from unshutter.progress import Count, uncounted
 from unshutter.video.gyro.gyro_log import Alignment, GyroLog, Pair
 
-_HALF = ROWS / 2
+HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Adjustment:
 
     def predicted(self, alignment: Alignment) -> np.ndarray:
         """Predicts the ends of tracks [pairs, most, 2] [px of ROWS rows] from the rotations in the log."""
-        middle = np.array([self.width / 2, _HALF])
+        middle = np.array([self.width / 2, HALF])
         rotated = alignment.to_camera_axes(*self.gyro_rotations(alignment))
         return _seen((self.ends[0] - middle) / alignment.focal_px, rotated, self.lens) * alignment.focal_px + middle
 
@@ -117,7 +117,7 @@ class Adjustment:
     @cached_property
     def shares(self) -> np.ndarray:
         """Derivatives [pairs, 2 most, 8] of tracks with respect to the motion of a plane seen by a moving camera."""
-        x, y = np.moveaxis((self.ends.mean(axis=0) - [self.width / 2, _HALF]) / _HALF, -1, 0)
+        x, y = np.moveaxis((self.ends.mean(axis=0) - [self.width / 2, HALF]) / HALF, -1, 0)
         one = np.ones_like(x)
         none = np.zeros_like(x)
         columns = np.stack([one, none, x, y, none, none, x * x, x * y], axis=-1)
