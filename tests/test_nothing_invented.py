@@ -13,6 +13,7 @@ import pytest
 
 import unshutter
 from support.batches import rectify
+from support.covering import covering
 from support.frame_pairs import HEIGHT, WIDTH, Scene
 from support.hand_held import clip, pan
 from support.looking_back import backward_map
@@ -117,13 +118,12 @@ def test_on_the_command_line_in_folders_and_on_the_page(tmp_path: Path, monkeypa
     assert told == pytest.approx((col[round(top), round(left)], row[round(top), round(left)]), abs=0.3)
 
 
-@pytest.mark.parametrize("longest", [None, 570, 320, 97])
-@pytest.mark.parametrize(("height", "width"), SIZES)
+@pytest.mark.parametrize(("size", "longest"), covering(SIZES, [None, 570, 320, 97]))
 def test_small_copies_on_the_page_have_nothing_black_in_the_crop_or_next_to_it(
-    height: int, width: int, longest: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    size: tuple[int, int], longest: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The crop cuts through their pixels, and a browser that enlarges them reads one beyond."""
-    path = tmp_path / "grey.png"
+    (height, width), path = size, tmp_path / "grey.png"
     Photo.from_array(np.full((height, width, 3), 128, np.uint8)).save(path)
     for number, motion in enumerate(drawn_motions(height, width)):
         monkeypatch.setattr(photo_jobs, "_find_motion", lambda *_, motion=motion: Finding(motion))

@@ -41,9 +41,10 @@ def mirrored(motion: Motion) -> Motion:
     return dataclasses.replace(motion, tx_px=-motion.tx_px, rz_rad=-motion.rz_rad)
 
 
-EACH_WAY = pytest.mark.parametrize(
-    ("taken", "orientation"), covering([*ScanDirection], ORIENTATIONS), indirect=["taken"]
-)
+def each_way(orientations):
+    return pytest.mark.parametrize(
+        ("taken", "orientation"), covering([*ScanDirection], orientations), indirect=["taken"]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,7 @@ def plain(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
 ROUNDING = 2  # grey levels, at the sharpest edges: OpenCV rounds positions to 1/32 px
 
 
-@EACH_WAY
+@each_way(ORIENTATIONS)
 def test_a_given_motion_does_the_same_to_a_turned_photo(
     tmp_path: Path, taken: tuple[np.ndarray, Motion], plain: np.ndarray, orientation: int
 ) -> None:
@@ -121,7 +122,7 @@ def found(taken: tuple[np.ndarray, Motion], tmp_path_factory: pytest.TempPathFac
 METHOD = ("--estimator", "segment-manhattan")  # the one that asks where the scene's top is
 
 
-@EACH_WAY
+@each_way([2, 3, 5, 8])  # mirrored, turned about, both, and turned
 def test_the_same_motion_is_found_in_a_turned_photo(
     tmp_path: Path, taken: tuple[np.ndarray, Motion], found: tuple[Motion, np.ndarray], orientation: int
 ) -> None:

@@ -44,7 +44,7 @@ class Watch(threading.Thread):
     def run(self) -> None:
         while not self._over.is_set():
             self.look()
-            time.sleep(0.002)
+            time.sleep(0.01)
 
     def look(self) -> None:
         for path in list(self.folder.rglob("*.rectified.*")):

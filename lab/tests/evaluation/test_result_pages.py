@@ -2,8 +2,10 @@
 
 import csv
 import json
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -26,7 +28,16 @@ def results_py(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True)
 
 
-def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path: Path) -> None:
+@pytest.fixture
+def write_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], object]:
+    """Writes the pages, as ``results.py --pages-only`` does, in this process."""
+    monkeypatch.syspath_prepend(ROOT / "lab" / "benchmarks")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["results.py", "--pages-only"])
+    return lambda: runpy.run_path(str(ROOT / "lab" / "benchmarks" / "results.py"), run_name="__main__")
+
+
+def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path: Path, write_pages) -> None:
     for name, protocol in (("synthetic", "synthetic"), ("undistorted", "undistorted")):
         request = Request(protocol, (Path("photos/houses"),))
         records = [record("none", 4.0), record("kandula2020-research", 1.25)]
@@ -41,8 +52,7 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     weights = [tmp_path / package / "weights" for package in ("src/unshutter", "lab/src/unshutter_lab")]
     for folder in weights:
         folder.mkdir(parents=True)
-    done = results_py("--pages-only", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    write_pages()
     index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
     assert "| kandula2020-research | **1.25**, **100%** |" in page and "(synthetic.csv)" in page
     assert "256 px,houses,kandula2020-research,1,1.25," in (docs / "synthetic.csv").read_text()
@@ -58,7 +68,7 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     assert ours.keys() == {"none"} and ours["none"]["houses"]["improved"] == 0.0
 
 
-def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> None:
+def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path, write_pages) -> None:
     """The worst of five distorted is trusted least, the worst of five others most; another method states nothing."""
     confidences = {
         "synthetic": [(1, 0.9), (2, 0.8), (3, 0.7), (4, 0.6), (15, 0.1)],
@@ -71,8 +81,7 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
         results = Results(Request(name, (Path("photos/houses"),)), ["none", "manhattan"], [], records)
         (tmp_path / "build" / "results" / name).mkdir(parents=True)
         (tmp_path / "build" / "results" / name / "results.json").write_text(results.to_json())
-    done = results_py("--pages-only", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    write_pages()
     docs = tmp_path / "docs" / "results"
     page, figures = (docs / "confidence.md").read_text(), (docs / "confidence.csv").read_text()
     assert "| distorted | manhattan | 5 | 0% | 5.00 | 2.50 | **50%** | 50% | 50% |" in page
