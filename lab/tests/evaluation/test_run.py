@@ -107,6 +107,7 @@ def test_recorded_motions(photos: Path, tmp_path: Path) -> None:
     assert epes[0] < epes[1] < epes[2]
 
 
+@pytest.mark.thorough
 def test_every_suite_of_robustness_can_be_made(photos: Path, tmp_path: Path) -> None:
     more = ["--protocol", "robustness", "--photos", "1", "--per-photo", "1"]
     assert run(photos, tmp_path / "out", *more, estimators="none") == 0

@@ -68,6 +68,7 @@ def test_validation_has_its_own_rhythm(config: Path, tmp_path: Path) -> None:
     assert [(r["step"], bool(r["val_epe_median"])) for r in rows] == [("3", True), ("4", False), ("6", True)]
 
 
+@pytest.mark.thorough
 def test_training_lowers_the_loss(tmp_path: Path) -> None:
     path = tmp_path / "learn.toml"
     easy = "zero_motion = 0.0\nclutter_max = 0.0\nsideways = 0.0\n"
