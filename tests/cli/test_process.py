@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import unshutter
+from support.covering import thorough
 from unshutter.cli import main
 from unshutter.photo import Photo
 
@@ -94,7 +95,7 @@ def test_an_estimate_onto_a_full_disc_is_told_in_one_line(tmp_path: Path, rollin
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a shell that closes streams")
-@pytest.mark.parametrize("closed", ["2>&-", "1>&- 2>&-", "0<&- 1>&- 2>&-"])
+@pytest.mark.parametrize("closed", ["2>&-", thorough("1>&- 2>&-"), "0<&- 1>&- 2>&-"])
 def test_photos_are_rectified_without_standard_streams(closed: str, photo: Path, tmp_path: Path) -> None:
     """As services start programs; what libraries print must not get into a file that takes the stream's number."""
     (tmp_path / "b.jpg").write_bytes(photo.read_bytes())

@@ -1,9 +1,7 @@
 """Several workers: those that die, hang or are told to end cost nothing but their own photo."""
 
-import json
 import os
 import re
-import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -12,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
+from support.batches import leftovers, rectify, results
 from support.covering import thorough
 from unshutter.run.job import Job, Outcome
 from unshutter.run.loop import Record
@@ -21,8 +19,6 @@ from unshutter.run.report import Report
 from unshutter.run.workers import Workers, processes
 from unshutter.storage.locations import RunFiles
 from unshutter.storage.targets import Target
-
-MANIFEST = "unshutter-manifest.jsonl"
 
 
 def test_processes_make_the_same_pictures(archive: Path, motion: Path, tmp_path: Path) -> None:
@@ -79,41 +75,6 @@ def test_a_worker_that_dies_between_two_jobs_costs_nothing(tmp_path: Path) -> No
         workers = Workers(BreaksWhenGiven(), 2, Works)
         do(jobs, lambda job: Outcome(), workers, report)
     assert report.counts == {"done": 6, "skipped": 0, "failed": 0}
-
-
-def wait_for(found, seconds: float = 60) -> None:
-    until = time.monotonic() + seconds
-    while not found():
-        assert time.monotonic() < until, "nothing happened"
-        time.sleep(0.01)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals")
-@pytest.mark.parametrize("jobs", [[], ["--jobs", 2]])
-def test_ctrl_c_keeps_what_is_finished(jobs: list, motion: Path, tmp_path: Path) -> None:
-    make_photos(tmp_path / "many", [f"{k:03}.jpg" for k in range(200)])
-    out = tmp_path / "out"
-    process = start_rectify(tmp_path / "many", "-o", out, "--motion", motion, *jobs)
-    wait_for(lambda: (out / MANIFEST).exists() and any(r["state"] == "done" for r in whole_records(out)))
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
-    assert "Traceback" not in errors
-    assert leftovers(out) == []
-    done = {r["target"] for r in whole_records(out) if r["state"] == "done"}
-    kept = results(out)
-    assert done <= set(kept)
-    assert len(set(kept) - done) <= 1  # Ctrl-C may come after a result is in place and before its record
-    assert 0 < len(done) < 200
-    left = leave_some_undone(tmp_path / "many", set(kept))
-    assert rectify(tmp_path / "many", "-o", out, "--motion", motion, *jobs) == 0  # the same command goes on
-    assert len(results(out)) == left
-    assert kept.items() <= results(out).items()
-
-
-def whole_records(folder: Path) -> list[dict]:
-    text = (folder / MANIFEST).read_text()
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
 # ---- a photo that takes too long -----------------------------------------------------------------------------
