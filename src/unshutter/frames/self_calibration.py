@@ -231,7 +231,12 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = unco
         fit = Problem(pairs, float(share * unit), count=count).fit(ratio, near.stiffness, near)
         return fit.log_evidence / _FRAMES.focal_common - 0.5 * (np.log(share / USUAL_FOCAL) / _FRAMES.focal_spread) ** 2
 
-    best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
+    heights = np.full(len(_TRIED_FOCALS), -np.inf)
+    heights[::2] = [height(share) for share in _TRIED_FOCALS[::2]]
+    for beside in (heights.argmax() - 1, heights.argmax() + 1):  # there is a single maximum
+        if 0 <= beside < len(heights):
+            heights[beside] = height(_TRIED_FOCALS[beside])
+    best = _vertex(np.log(_TRIED_FOCALS), heights)
     near = Problem(pairs, float(np.exp(best) * unit), count=count).fit(
         ratio, near=near
     )  # the best stiffness may differ there

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from unshutter.motion.lens import Lens
+from unshutter.motion.robust import weighted_least_squares
 from unshutter.motion.shapes import Bool, Float32, Float64, UInt8
 
 TRACKED_SIDE = 360  # px, short side of the copies in which corners are tracked
@@ -271,22 +272,24 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks) -> np.ndar
 
 def _close_to_plane(start: np.ndarray, end: np.ndarray, tracks: Tracks, near: float, at_first: float) -> np.ndarray:
     """[N] bool: the points that fit a homography, at first and then with smooth deviations [px]."""
-    diagonal = float(np.hypot(tracks.height, tracks.width))
     before, after = (straightened(points, tracks) for points in (start, end))
     homography, agreeing = cv2.findHomography(before, after, cv2.USAC_ACCURATE, at_first)
     if homography is None or agreeing.sum() < MIN_TRACKS:
         return np.zeros(len(start), bool)
     off = end - bent(cv2.perspectiveTransform(before[None], homography)[0], tracks)
     chosen = agreeing[:, 0] > 0
+    powers = (start[:, 1:] / tracks.height - 0.5) ** np.arange(4)
     for _ in range(3):
-        by_row = np.polynomial.polynomial.polyfit(start[chosen, 1] / diagonal, off[chosen], 3)
-        away = np.hypot(*(off - np.polynomial.polynomial.polyval(start[:, 1] / diagonal, by_row).T).T)
+        by_row = weighted_least_squares(powers, off.T, chosen)
+        away = np.hypot(*(off.T - by_row @ powers.T))
         if np.count_nonzero(away < near) < MIN_TRACKS:
             return np.zeros(len(start), bool)
         chosen = away < near
     if np.count_nonzero(away < near / 3) < _TRACKS.sharp * np.count_nonzero(chosen):  # no closer than by chance: noise
         return np.zeros(len(start), bool)
-    return away < np.clip(_TRACKS.spread * np.median(away[chosen]), _TRACKS.least * diagonal, near)
+    return away < np.clip(
+        _TRACKS.spread * np.median(away[chosen]), _TRACKS.least * float(np.hypot(tracks.height, tracks.width)), near
+    )
 
 
 def straightened(points: Float64[np.ndarray, "points 2"], tracks: Tracks) -> Float64[np.ndarray, "points 2"]:

@@ -138,13 +138,6 @@ def constant(a: Array) -> Array:
     return a.detach() if hasattr(a, "detach") else a
 
 
-def take(samples: Array, index: Array) -> Array:
-    """Returns the samples [rows, ...] at indices of any shape [...]."""
-    xp = namespace(samples)
-    flat = xp.take(samples, xp.reshape(index, (-1,)), axis=0)
-    return xp.reshape(flat, (*index.shape, *samples.shape[1:]))
-
-
 def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) -> MotionAtRow:
     """Interpolates row motion linearly between one sample per row; constant beyond the first and last row.
 
@@ -158,8 +151,8 @@ def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) 
     last = tx.shape[0] - 1
 
     def look_up(samples: Array, below: Array, above: Array, weight: Array) -> Array:
-        low = take(samples, below)
-        high = take(samples, above)
+        low = samples[below]
+        high = samples[above]
         return low + (high - low) * weight
 
     def row_motion(v: Array) -> tuple[Array, Array, Array]:
@@ -169,7 +162,7 @@ def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) 
         weight = inside - xp.astype(below, v.dtype)
         moving = xp.astype((v >= 0) & (v <= last), v.dtype)
         slopes = xp.concat([rz[1:] - rz[:-1], xp.zeros_like(rz[:1])])
-        slope = take(slopes, below) * moving
+        slope = slopes[below] * moving
         return look_up(tx, below, above, weight), look_up(rz, below, above, weight), slope
 
     return row_motion

@@ -7,10 +7,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.motion.shapes import Bool, Float, Float64
+from unshutter.motion.shapes import Bool, Float, Float64, Real
 
 _DEGREES = 3.0  # of freedom of Student's t, the model of the errors of tracks and matches
+_RIDGE = 1e-12
+_LEAST = 1e-30  # of a diagonal: where an unknown is in no equation
 CORRELATED = 4.0  # errors of tracks and matches are correlated: n of them count as n / CORRELATED
+
+
+def median(values: Float[np.ndarray, "*shape n"], count: np.ndarray | None = None) -> np.ndarray:
+    """Returns medians along the last axis; np.median takes ten times as long for few values.
+
+    Args:
+        values: not NaN.
+        count: number of values that count in each row, the first ones; the others are infinite. None: all count.
+    """
+    size = np.asarray(values.shape[-1] if count is None else count)
+    if size.ndim:
+        ordered = np.sort(values, axis=-1)
+        low, high = (np.take_along_axis(ordered, k[..., None], -1)[..., 0] for k in ((size - 1) // 2, size // 2))
+        return (low + high) / 2
+    middle = sorted({(int(size) - 1) // 2, int(size) // 2})
+    return np.partition(values, middle, axis=-1)[..., middle].mean(axis=-1)
 
 
 def student_weights(
@@ -30,7 +48,7 @@ def student_weights(
         rounds: number of steps towards the noise that these distances show.
     """
     known = squared[used]
-    noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+    noise = np.sqrt(float(median(known)) / 1.4) if np.isnan(noise) else noise
     for _ in range(rounds):
         noise = max(noise, finest)
         share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
@@ -51,3 +69,20 @@ def falling_weights(squared: Float[np.ndarray, "*shape"], power: float) -> Float
         squared: squared residuals, in units of the residual from which weights fall.
     """
     return 1 / (1 + squared) ** power
+
+
+def weighted_least_squares(
+    rows: Float64[np.ndarray, "*#cases n unknowns"],
+    values: Float64[np.ndarray, "*cases n"],
+    weights: Real[np.ndarray, "*#cases n"],
+) -> Float64[np.ndarray, "*cases unknowns"]:
+    """Solves small least-squares problems, all at once, by their normal equations.
+
+    A ridge of 1e-12 of each equation settles unknowns that the rows do not determine.
+    """
+    weighted = (rows * weights[..., None]).swapaxes(-1, -2)
+    normal = weighted @ rows
+    diagonal = np.einsum("...ii->...i", normal)
+    diagonal *= 1 + _RIDGE
+    diagonal += _LEAST
+    return np.linalg.solve(normal, weighted @ values[..., None])[..., 0]

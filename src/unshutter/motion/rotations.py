@@ -26,7 +26,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import motion_file
-from unshutter.motion.geometry import constant, namespace, take
+from unshutter.motion.geometry import constant, namespace
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion import BEYOND, Motion, matching_rows, positions, row_index, slope
 from unshutter.motion.motion_file import Common, numbers
@@ -57,12 +57,18 @@ def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
     sine = xp.where(small, 1 - square / 6 + square**2 / 120, xp.sin(angle) / angle)  # sin(a) / a
     half = xp.sin(angle / 2) / angle
     versine = xp.where(small, 0.5 - square / 24, 2 * half * half)  # (1 - cos(a)) / a^2
-    rows = (
-        (1 - versine * (y * y + z * z), versine * x * y - sine * z, versine * x * z + sine * y),
-        (versine * x * y + sine * z, 1 - versine * (x * x + z * z), versine * y * z - sine * x),
-        (versine * x * z - sine * y, versine * y * z + sine * x, 1 - versine * (x * x + y * y)),
-    )
-    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+    xy = versine * x * y
+    xz = versine * x * z
+    yz = versine * y * z
+    xs = sine * x
+    ys = sine * y
+    zs = sine * z
+    elements = [
+        *(1 - versine * (y * y + z * z), xy - zs, xz + ys),
+        *(xy + zs, 1 - versine * (x * x + z * z), yz - xs),
+        *(xz - ys, yz + xs, 1 - versine * (x * x + y * y)),
+    ]
+    return xp.reshape(xp.stack(elements, axis=-1), (*square.shape, 3, 3))
 
 
 def rotation_vector(matrices: Float[Array, "*at 3 3"]) -> Float[Array, "*at 3"]:
@@ -238,10 +244,10 @@ def row_rotation_from_samples(rotations: Float[Array, "rows 3 3"]) -> RowRotatio
     def row_rotation(v: Array) -> tuple[Array, Array]:
         inside = xp.clip(xp.where(xp.isnan(v), xp.zeros_like(v), v), 0, last)
         below = xp.astype(xp.clip(xp.floor(inside), 0, max(last - 1, 0)), xp.int64)
-        rotation = take(turns, below)
+        rotation = turns[below]
         on_the_way = rotation_matrix(rotation * (inside - xp.astype(below, v.dtype))[..., None])
         moving = xp.astype((v >= 0) & (v <= last), v.dtype)
-        return xp.matmul(on_the_way, take(rotations, below)), rotation * moving[..., None]
+        return xp.matmul(on_the_way, rotations[below]), rotation * moving[..., None]
 
     return row_rotation
 
@@ -336,8 +342,8 @@ class RotationMotion(Motion, kind="rotations"):
         if speed.max() >= 1:
             raise UnshutterError(_FOLDED)
         corners = np.array([[sx * reach, sy * self.height / 2, self.focal_px] for sx in (-1, 1) for sy in (-1, 1)])
-        matrices = self._matrices
-        if min((corners @ m[2]).min() for m in (*matrices, *matrices.transpose(0, 2, 1))) <= 0:
+        along = np.concatenate([self._matrices[:, 2], self._matrices[:, :, 2]])
+        if (along @ corners.T).min() <= 0:
             raise UnshutterError("the motion turns part of the picture behind the camera")
 
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:

@@ -60,6 +60,8 @@ class RectifyFrames:
     """The motion of the frames is undone."""
 
     motion: ClipMotion | None = None  # from a file; None: it is found in the frames
+    sampled: SampledFrames | None = None  # frames whose corners were tracked for the decision
+    focal_px: float | None = None  # focal length that was found for it [px of the frames]
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,11 @@ def _by_frames(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames)
         if largest_px < least_px:
             return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(largest_px, 1), 0.1)), frames)
     reason = why_unfit(camera)
+    focal_px = None
     if reason is None and time.source is not ReadoutSource.GIVEN and gain.is_tested(request.options):
-        reason = _why_gain_is_too_small(request, camera, sampled)
-    return RectifyFrames() if reason is None else Leave(reason, frames)
+        measured, reason = _measured(request, camera, sampled)
+        focal_px = measured.focal_px
+    return RectifyFrames(sampled=sampled, focal_px=focal_px) if reason is None else Leave(reason, frames)
 
 
 def _by_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Decision]:
@@ -157,16 +161,16 @@ def why_unfit(camera: ClipCamera) -> Reason | None:
 # ---- by what straightening gains -------------------------------------------------------------------------------
 
 
-def _why_gain_is_too_small(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Reason | None:
-    """Returns why a clip gains too little: by some 60 pairs of frames; if these are of all frames, then by all."""
+def _measured(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> tuple[Gain, Reason | None]:
+    """Returns what a clip gains by some of its frames or, before it is left, by all; and why that is too little."""
     known = camera.readout_time, camera.gyro and camera.gyro.rotations
     is_short = sampled.is_whole and len(sampled.parts[0]) <= gain.ALL
     if not is_short:
         few = gain.gain_of_parts(request, *known, sampled.runs(gain.RUNS, gain.RUN))
         if not sampled.is_whole or why_no_gain(few, _PARAMS.sure_of_few) is None:
-            return why_no_gain(few)
-    stage = Stage.JUDGE if is_short else Stage.JUDGE_ALL
-    return why_no_gain(gain.gain_of_parts(request, *known, sampled.parts, stage))
+            return few, why_no_gain(few)
+    measured = gain.gain_of_parts(request, *known, sampled.parts, Stage.JUDGE if is_short else Stage.JUDGE_ALL)
+    return measured, why_no_gain(measured)
 
 
 def why_no_gain(measured: Gain, sure: float = _PARAMS.sure) -> Reason | None:

@@ -20,7 +20,6 @@ from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.calibrate.camera import find_camera
 from unshutter.video.calibrate.readout_regression import Regression, Run, regression
-from unshutter.video.calibrate.readout_time import runs_in_survey
 from unshutter.video.decision import why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
@@ -128,7 +127,7 @@ def _measured(path: Path, options: MeasureClips) -> tuple[ClipMeasurement, list[
     clip.check_whole()
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
     camera, evidence = find_camera(request)
-    runs = runs_in_survey(evidence)
+    runs = evidence.pair_runs
     direction = camera.scan_direction or request.scan_direction
     px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
     if px is None:

@@ -19,6 +19,7 @@ from unshutter.video.calibrate import camera, cameras
 from unshutter.video.calibrate.camera import find_camera
 from unshutter.video.calibrate.cameras import CameraMode
 from unshutter.video.calibrate.readout_regression import Estimate, Regression
+from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.decision import why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
@@ -65,9 +66,9 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     error = 0.1 if would_show else 0.3
     rows = Estimate(4 * error if wobbles else error, error)
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
-    monkeypatch.setattr(camera, "regression_in_survey", lambda evidence: shown)
     if shown is not None:  # once, it is searched for
         monkeypatch.setattr(camera, "time_in_survey", _too_even)
+    monkeypatch.setattr(SampledFrames, "regression", shown)
     path = clips.write(tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1")
     found, _ = find_camera(ClipRequest.of(read_clip_facts(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))
     time = found.readout_time

@@ -41,7 +41,7 @@ def pairs_of(ratio, columns=False, depth=0.0, noise=0.1, seed=0):
         lower = (ends[0][:, 1] / HEIGHT - 0.5)[:, None]
         ends[1] = ends[1] + depth * speed * lower
         inside = (ends[0] > 0).all(axis=1) & (ends[0] < [WIDTH, HEIGHT]).all(axis=1)
-        yield PairMotion.of(Tracks(ends[0][inside], ends[1][inside], HEIGHT, WIDTH, 300)), 1.0
+        yield PairMotion.of([Tracks(ends[0][inside], ends[1][inside], HEIGHT, WIDTH, 300)])[0], 1.0
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.9, -0.6])
@@ -75,7 +75,14 @@ def test_repeated_frames_are_left_out():
 def test_few_pairs_show_nothing():
     assert regression(runs_of(list(pairs_of(0.5))[:12], HEIGHT / WIDTH)) is None
     few = Tracks(np.zeros((5, 2)), np.ones((5, 2)), HEIGHT, WIDTH, 5)
-    assert PairMotion.of(few) is None
+    start = np.random.default_rng(1).uniform(0, [WIDTH, HEIGHT], (60, 2))
+    many = Tracks(start, start + np.array([3.0, 1.0]), HEIGHT, WIDTH, 60)
+    low = start * np.array([1.0, 0.3])
+    strip = Tracks(low, low + 2.0, HEIGHT, WIDTH, 60)
+    before, moved, narrow = PairMotion.of([few, many, strip])
+    assert before is None and narrow is None
+    np.testing.assert_allclose(moved.shift, [3.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(moved.shape, 0.0, atol=1e-6)
 
 
 def test_slopes_of_a_spline_are_exact_for_cubics():

@@ -69,7 +69,7 @@ class ClipWobble:
                 if np.mean(cv2.absdiff(small, last) > _COPY_LEVELS) < _COPY_SHARE:
                     continue
                 tracks = followed_corners(last, small)
-                pairs.append(None if tracks is None else PairMotion.of(tracks))
+                pairs.append(None if tracks is None else PairMotion.of([tracks])[0])
             if len(times) % _SHARP_EVERY == 0:
                 inner = grey[_BORDER:-_BORDER, _BORDER:-_BORDER].astype(np.float32)
                 sharpness.append(float(cv2.Laplacian(inner, cv2.CV_32F).var()))

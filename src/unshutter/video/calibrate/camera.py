@@ -22,7 +22,7 @@ from unshutter.video.calibrate.clip_gyro import ClipGyro, gyro_in_survey
 from unshutter.video.calibrate.lenses import lens_of_clip
 from unshutter.video.calibrate.questions import Log, ask, open_question
 from unshutter.video.calibrate.readout_regression import Regression
-from unshutter.video.calibrate.readout_time import listed_time, regression_in_survey, time_in_survey, usual_time
+from unshutter.video.calibrate.readout_time import listed_time, time_in_survey, usual_time
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage
@@ -74,7 +74,7 @@ def _other_direction(request: ClipRequest, sampled: SampledFrames) -> ScanDirect
     """Returns the direction in which a clip's frames were read, if they show another than usual for certain."""
     if request.options.shutter.readout != "auto":
         return None
-    shown = regression_in_survey(sampled)
+    shown = sampled.regression
     if shown is None:
         return None
     if shown.is_turned:
@@ -100,7 +100,7 @@ def _camera_from(request: ClipRequest, sampled: SampledFrames, log: Log) -> Clip
     stabilised = None
     if time is None:
         stabilised = _stabilised(request, gyro)
-        shown = regression_in_survey(sampled)
+        shown = sampled.regression
         time = _time_of(request, sampled, shown, listed_time(request) if stabilised is None else None)
     if gyro is not None and gyro.rotations is not None:  # the time of the middle row does not change
         alignment = replace(gyro.rotations.alignment, ratio=time.ratio(interval_s).value)

@@ -23,7 +23,7 @@ from unshutter.frames.frame_motion import AT_REST, FrameMotion
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion
-from unshutter.motion.robust import student_weights
+from unshutter.motion.robust import student_weights, weighted_least_squares
 from unshutter.motion.shapes import Float64
 from unshutter.motion.verdict import undone_part
 from unshutter.options.clip_options import ClipUndo, RectifyClip
@@ -130,9 +130,11 @@ class Gain:
     # [pairs] of frames whose motion is undone: by how much the sum of squares that is left of the tracks falls, in
     # units of their variance
     gains: list[float] = field(default_factory=list)
-    # [pairs] what is left before and after: root mean square of 90 % of the tracks [px of 1080 rows]
+    # [pairs] what the camera's rotation and a change of scale leave, before and after: RMS of 90 % of the tracks [px of
+    # 1080 rows]
     wobble_px: list[tuple[float, float]] = field(default_factory=list)
     steps: FrameSteps = field(default_factory=FrameSteps)  # how the frames follow each other
+    focal_px: float | None = None  # focal length that was found [px of the frames]
     # [pairs] change of the displacement between the two frames, and largest displacement [px of 1080 rows]
     changes_px: list[tuple[float, float]] = field(default_factory=list)
 
@@ -143,39 +145,39 @@ class Gain:
         scatter = 1.4826 * float(np.median(np.abs(np.array(self.gains) - middle)))
         return middle, 1.2533 * scatter / len(self.gains) ** 0.5
 
-    def add(self, before: FrameMotion | None, motion: FrameMotion, undo: ClipUndo) -> None:
-        """Adds a frame, and the pair of frames that it forms with the previous one."""
-        now = _Undone.of(motion, undo)
+    def add(self, was: UndoneFrame | None, motion: FrameMotion, undo: ClipUndo) -> UndoneFrame:
+        """Adds a frame, and the pair of frames that it forms with the previous one; returns it, for the next call."""
+        now = UndoneFrame.of(motion, undo)
         self.frames += 1
         self.short_side = min(motion.height, motion.width)
         if now.reason is not None:
             self.reasons[now.reason] += 1
         if now.reason is None or now.reason.code in AT_REST:
             self.displaced_px.append(float(np.abs(now.grid).max()))
-        if before is None or before.shot != motion.shot or motion.tracks is None:
+        if was is None or was.shot != motion.shot or motion.tracks is None:
             self.steps.add(None, None, now.lean)
-            return
-        was = _Undone.of(before, undo)
+            return now
         tracks = motion.tracks
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         self.steps.rows = min(tracks.height, tracks.width)
-        self.steps.add(PairMotion.of(tracks), PairMotion.of(undone), now.lean)
+        wobbling, steady = PairMotion.of([tracks, undone])
+        self.steps.add(wobbling, steady, now.lean)
         tracks, undone = (each.split(_HELD_OUT)[1] for each in (tracks, undone))
         if len(tracks) < _MIN_TRACKS or (now.reason and was.reason):
-            return
+            return now
         focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
         left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
         self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
-        self.wobble_px.append((wobble(tracks, focal), wobble(undone, focal)))
+        unit = TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
+        self.wobble_px.append((unit * _usual(left), unit * _usual(after)))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
         self.changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
+        return now
 
 
-def wobble(tracks: Tracks, focal_px: float) -> float:
-    """Returns what the camera's rotation and a change of scale leave: RMS of 90 % of the tracks [px of 1080 rows]."""
-    squares = np.sort(np.square(_left(tracks, focal_px)).sum(axis=1))
-    usual = float(squares[: max(1, int(0.9 * len(squares)))].mean()) ** 0.5
-    return usual * TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
+def _usual(squared: Float64[np.ndarray, "tracks"]) -> float:
+    """Returns the root mean square of 90 % of the tracks, those that fit best."""
+    return float(np.sort(squared)[: max(1, int(0.9 * len(squared)))].mean()) ** 0.5
 
 
 def is_tested(options: RectifyClip) -> bool:
@@ -205,35 +207,35 @@ def gain_of_parts(
 ) -> Gain:
     """Measures what undoing the motion gains in parts of a clip, each of which is estimated as a clip of its own is."""
     gain = Gain()
-    focal_px = None
     frames = sum(map(len, parts))
     window = window_for(request.clip.frame_bytes)
     request.work.expect({Stage.SURVEY: 0, stage: SOLVED * frames})
     steps = Steps(request.work, "judging", frames)
     for part in parts:
         before = None
-        finder = camera_motion(request, time, gyro_rotations, _HELD_OUT, focal_px, stage)
+        finder = camera_motion(request, time, gyro_rotations, _HELD_OUT, gain.focal_px, stage)
         for motion in finder.motions(tracked_copies(request, part)):
-            gain.add(before, motion, request.options.undo)
-            before = motion
+            before = gain.add(before, motion, request.options.undo)
             steps.advance()
             request.work.expect_as_before(stage, gain.frames + window.core + window.ahead, frames - gain.frames)
             if motion.fit is not None:
-                focal_px = motion.fit.focal_px * motion.height / ROWS
+                gain.focal_px = motion.fit.focal_px * motion.height / ROWS
     request.work.expect({stage: 0})
     return gain
 
 
 @dataclass(frozen=True, eq=False)
-class _Undone:
+class UndoneFrame:
     """A frame whose motion is undone."""
 
     motion: Motion  # of a small picture: the part that is undone
     reason: Reason | None  # why there is no motion to undo; None if there is
     grid: Float64[np.ndarray, "points 2"]  # displacements of points spread over the frame [px, of 1080 rows at most]
+    shot: int = 0  # number of the shot to which it belongs
 
     @classmethod
-    def of(cls, motion: FrameMotion, undo: ClipUndo) -> _Undone:
+    def of(cls, motion: FrameMotion, undo: ClipUndo) -> UndoneFrame:
+        """Undoes the motion of a frame."""
         found = small_finding(motion)
         size = (motion.height, motion.width)
         small = found.motion
@@ -243,7 +245,7 @@ class _Undone:
         seen = (col, row) if small.is_zero else undone.rs_to_gs(col, row)
         grid = np.stack(seen, axis=-1) - np.stack([col, row], axis=-1)
         reason = (found.reason or Reason(Code.NO_MOTION)) if small.is_zero else None
-        return cls(undone, reason, np.nan_to_num(grid) * min(TALL, *size) / min(small.height, small.width))
+        return cls(undone, reason, np.nan_to_num(grid) * min(TALL, *size) / min(small.height, small.width), motion.shot)
 
     @property
     def lean(self) -> Float64[np.ndarray, "2"]:
@@ -268,9 +270,8 @@ def _left(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "tracks 2"]:
     jacobian, moved = track_jacobian(tracks, focal_px)
     left = moved
     for _ in range(4):
-        root = np.sqrt(_weights(np.square(left).sum(axis=1)))[:, None]
-        unknowns = np.linalg.lstsq((jacobian * root[..., None]).reshape(-1, 4), (moved * root).ravel(), rcond=None)[0]
-        left = moved - jacobian @ unknowns
+        weights = np.repeat(_weights(np.square(left).sum(axis=1)), 2)
+        left = moved - jacobian @ weighted_least_squares(jacobian.reshape(-1, 4), moved.ravel(), weights)
     return left
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from unshutter.frames.frame_motion import FrameMotion
 from unshutter.frames.self_calibration import GreyFrame
 from unshutter.frames.sequence import CameraMotion, Window
 from unshutter.motion.finding import Finding
 from unshutter.readout_time import ReadoutTime
+from unshutter.video.calibrate.sampled_frames import COPY_SIDE, SampledFrames
 from unshutter.video.calibrate.scene_check import SceneCheck
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import Frame
@@ -58,15 +61,27 @@ def camera_motion(
     )
 
 
-def grey_copies(request: ClipRequest, frames: Iterable[Frame]) -> Iterator[GreyFrame | None]:
-    """Yields the small copies of frames in which corners are tracked, and None where frames are missing."""
+def grey_copies(
+    request: ClipRequest, frames: Iterable[Frame], sampled: SampledFrames | None = None
+) -> Iterator[GreyFrame | None]:
+    """Yields the small copies of frames in which corners are tracked, and None where frames are missing.
+
+    Args:
+        sampled: frames whose corners were tracked before; these have no copy unless the next frame needs one.
+    """
+    known = {} if sampled is None else sampled.by_time
+    last = set() if sampled is None else {part[-1].time_s for part in sampled.parts}
+    nothing = np.zeros((0, 0), np.uint8)
     before = None
     for frame in frames:
         since = request.clip.since(before, frame)
         if since is None:
             yield None
-        grey, size = request.grey(frame, side=270), request.scan_direction.frame_size(frame.height, frame.width)
-        yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=frame.time or 0.0)
+        time_s = frame.time or 0.0
+        followed = None if before is None else known.get(time_s)
+        grey = request.grey(frame, COPY_SIDE) if followed is None or time_s in last else nothing
+        size = request.scan_direction.frame_size(frame.height, frame.width)
+        yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=time_s, followed=followed)
         before = frame
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.video.calibrate import clip_gyro, gain, lenses
 from unshutter.video.calibrate import readout_time as readout
-from unshutter.video.calibrate.readout_time import listed_time, regression_in_survey
+from unshutter.video.calibrate.readout_time import listed_time
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage, Steps
@@ -50,7 +50,7 @@ def _is_gain_open(request: ClipRequest, log: Log) -> bool:
 
 
 def _is_time_certain(sampled: SampledFrames) -> bool:
-    shown = regression_in_survey(sampled)
+    shown = sampled.regression
     return shown is not None and (shown.is_none or shown.is_precise)
 
 

@@ -24,8 +24,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from unshutter.frames.camera import padded_ends
 from unshutter.frames.tracks import Tracks, straightened
-from unshutter.motion.robust import falling_weights
+from unshutter.motion.robust import falling_weights, median, weighted_least_squares
 from unshutter.motion.shapes import Bool, Float64
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 
@@ -72,36 +73,50 @@ class PairMotion:
         return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _PARAMS.repeated_px
 
     @classmethod
-    def through_lens(cls, tracks: Tracks) -> PairMotion | None:
-        """Returns the motion as a lens shows it that keeps lines straight; None if the tracks are too few."""
-        start = straightened(tracks.start, tracks)
-        end = straightened(tracks.end, tracks)
-        return cls.of(replace(tracks, start=start, end=end))
+    def through_lens(cls, pairs: Sequence[Tracks]) -> list[PairMotion | None]:
+        """Returns the motions as a lens shows them that keeps lines straight; None where tracks are too few."""
+        return cls.of(
+            [replace(pair, start=straightened(pair.start, pair), end=straightened(pair.end, pair)) for pair in pairs]
+        )
 
     @classmethod
-    def of(cls, tracks: Tracks) -> PairMotion | None:
-        """Returns the motion that most tracks support, or None if they are too few, or all in a narrow strip."""
-        start = tracks.start
-        moved = tracks.end - tracks.start
-        half = (tracks.height - 1) / 2
-        if len(start) < _PARAMS.min_tracks or np.ptp(start[:, 1]) < 2 * _PARAMS.least_spread * half:
-            return None
-        x, y = ((start - [(tracks.width - 1) / 2, half]) / half).T
-        none = np.zeros_like(x)
-        one = np.ones_like(x)
-        across = np.stack([one, x, y, none, none, none, x * x, x * y], axis=1)
-        down = np.stack([none, none, none, one, x, y, x * y, y * y], axis=1)
-        rows = np.stack([across, down], axis=1)  # [tracks, 2, 8]
-        weights = np.ones(len(start))
-        unknowns = np.zeros(8)
-        for _ in range(_PARAMS.rounds):
-            weighted = rows * weights[:, None, None]
-            normal = np.einsum("nci,ncj->ij", weighted, rows)
-            unknowns = np.linalg.lstsq(normal, np.einsum("nci,nc->i", weighted, moved), rcond=None)[0]
-            squared = np.square(moved - rows @ unknowns).sum(axis=1)
-            scale = max(1.4826**2 * float(np.median(squared)) / 1.4, 1e-5)
-            weights = falling_weights(squared / (4 * scale), power=2)
-        return cls(unknowns[[0, 3]], np.array([unknowns[2] + unknowns[4], unknowns[5] - unknowns[1]]))
+    def of(cls, pairs: Sequence[Tracks]) -> list[PairMotion | None]:
+        """Returns the motions that most tracks support; None where they are too few, or all in a narrow strip."""
+        enough = [k for k, pair in enumerate(pairs) if _are_enough(pair)]
+        motions: list[PairMotion | None] = [None] * len(pairs)
+        if enough:
+            for k, fitted in zip(enough, _fitted([pairs[k] for k in enough]), strict=True):
+                motions[k] = cls(fitted[[0, 3]], np.array([fitted[2] + fitted[4], fitted[5] - fitted[1]]))
+        return motions
+
+
+def _are_enough(pair: Tracks) -> bool:
+    return len(pair) >= _PARAMS.min_tracks and np.ptp(pair.start[:, 1]) >= _PARAMS.least_spread * (pair.height - 1)
+
+
+def _fitted(pairs: Sequence[Tracks]) -> Float64[np.ndarray, "pairs 8"]:
+    """Fits the motion of a plane to the tracks of each pair: displacement across (1, x, y), then down, and x^2, x y."""
+    ends, used = padded_ends(pairs)
+    moved = ends[1] - ends[0]
+    sizes = np.array([(pair.width, pair.height) for pair in pairs], np.float64)
+    half = (sizes[:, 1] - 1) / 2
+    x, y = np.moveaxis((ends[0] - sizes[:, None] / 2) / half[:, None, None], -1, 0)
+    none = np.zeros_like(x)
+    one = np.ones_like(x)
+    across = np.stack([one, x, y, none, none, none, x * x, x * y], axis=-1)
+    down = np.stack([none, none, none, one, x, y, x * y, y * y], axis=-1)
+    rows = np.stack([across, down], axis=2)
+    weights = used.astype(np.float64)
+    unknowns = np.zeros((len(pairs), 8))
+    for _ in range(_PARAMS.rounds):
+        unknowns = weighted_least_squares(
+            rows.reshape(len(pairs), -1, 8), moved.reshape(len(pairs), -1), np.repeat(weights, 2, axis=-1)
+        )
+        squared = np.square(moved - (rows @ unknowns[:, None, :, None])[..., 0]).sum(axis=-1)
+        middle = median(np.where(used, squared, np.inf), used.sum(axis=-1))
+        scale = np.maximum(1.4826**2 * middle / 1.4, 1e-5)
+        weights = used * falling_weights(squared / (4 * scale[:, None]), power=2)
+    return unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,11 +254,18 @@ def regression(runs: Sequence[Run]) -> Regression | None:
     pairs = int(sum(run.used.sum() for run in runs))
     if pairs < _PARAMS.min_pairs:
         return None
-    rows, explained = _of_rows(runs)
-    columns, _ = _of_rows([_turned(run) for run in runs])
-    shifted = [_of_rows(runs, shift)[0].t for shift in _PARAMS.shifts]
-    spread = float(np.sqrt(np.mean(np.square(shifted))))
-    wobble = abs(rows.ratio) * float(np.sqrt(2 * np.mean(explained**2)))
+    shapes, speeds, changes = (np.concatenate(each) for each in zip(*map(_counted, runs), strict=True))
+    shifted = [np.concatenate([_counted(run, shift)[2] for run in runs]) for shift in _PARAMS.shifts]
+    turned = (np.concatenate(each) for each in zip(*[_counted(_turned(run)) for run in runs], strict=True))
+    of_columns, _, changes_of_columns = turned
+    ratios, errors = _ratios(
+        np.stack([shapes, of_columns, *[shapes] * len(shifted)]),
+        np.stack([changes, changes_of_columns, *shifted]),
+        speeds,
+    )
+    rows, columns, *others = map(Estimate, ratios.tolist(), errors.tolist())
+    spread = float(np.sqrt(np.mean(np.square([other.t for other in others]))))
+    wobble = abs(rows.ratio) * float(np.sqrt(2 * np.mean(changes**2)))
     return Regression(rows, columns, spread, pairs, wobble)
 
 
@@ -254,50 +276,57 @@ def _turned(run: Run) -> Run:
     return Run(run.shifts, np.stack([skew, -stretch], axis=1), changes, run.used, run.aspect)
 
 
-def _of_rows(runs: Sequence[Run], shift: int = 0) -> tuple[Estimate, Float64[np.ndarray, "pairs 2"]]:
-    """Returns the ratio, and what a ratio of 1 explains of skew and stretch; the changes may be shifted in time."""
-    used = [run.used for run in runs]
-    shapes = np.concatenate([run.shapes[use] for run, use in zip(runs, used, strict=True)])
-    speeds = np.concatenate([run.shifts[use] for run, use in zip(runs, used, strict=True)])
-    changes = [np.roll(run.changes[_PARAMS.end : -_PARAMS.end] / 2, shift, axis=0) for run in runs]
-    changes = np.concatenate([each[use[_PARAMS.end : -_PARAMS.end]] for each, use in zip(changes, used, strict=True)])
-    values: list[np.ndarray] = []
-    rows: list[np.ndarray] = []
-    own = np.concatenate([np.ones((len(speeds), 1)), speeds], axis=1)
+def _counted(run: Run, shift: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns shapes, speeds and half of the changes of the pairs that count; the changes may be shifted in time."""
+    inner = slice(_PARAMS.end, -_PARAMS.end)
+    changes = np.roll(run.changes[inner] / 2, shift, axis=0)
+    return run.shapes[run.used], run.shifts[run.used], changes[run.used[inner]]
+
+
+def _ratios(
+    shapes: Float64[np.ndarray, "cases pairs 2"],
+    changes: Float64[np.ndarray, "cases pairs 2"],
+    speeds: Float64[np.ndarray, "pairs 2"],
+) -> tuple[Float64[np.ndarray, "cases"], Float64[np.ndarray, "cases"]]:
+    """Returns the ratios by which changes explain skew and stretch, and their standard errors."""
+    cases, pairs, _ = shapes.shape
+    own = np.broadcast_to(np.concatenate([np.ones((pairs, 1)), speeds], axis=1), (cases, pairs, 3))
+    both = np.zeros((cases, 2, pairs, 7))
+    values = np.moveaxis(shapes, -1, 1)
     for kind in range(2):
-        alone = np.concatenate([changes[:, [kind]], own], axis=1)
-        left = fit_robustly(shapes[:, kind], alone)[2]
-        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-6)
-        both = np.zeros((len(speeds), 7))
-        both[:, 0] = changes[:, kind]
-        both[:, 1 + 3 * kind : 4 + 3 * kind] = own
-        values.append(shapes[:, kind] / scale)
-        rows.append(both / scale)
-    unknowns, errors, _ = fit_robustly(np.concatenate(values), np.concatenate(rows))
-    return Estimate(float(unknowns[0]), float(errors[0])), changes
+        both[:, kind, :, 0] = changes[..., kind]
+        both[:, kind, :, 1 + 3 * kind : 4 + 3 * kind] = own
+    alone = np.concatenate([both[..., :1], np.broadcast_to(own[:, None], (cases, 2, pairs, 3))], axis=-1)
+    left = fit_robustly(values, alone)[2]
+    scale = np.maximum(1.4826 * median(np.abs(left)), 1e-6)[..., None]
+    scaled = (both / scale[..., None]).reshape(cases, 2 * pairs, 7)
+    unknowns, errors, _ = fit_robustly((values / scale).reshape(cases, -1), scaled)
+    return unknowns[:, 0], errors[:, 0]
 
 
 def fit_robustly(
-    values: Float64[np.ndarray, "n"], rows: Float64[np.ndarray, "n unknowns"]
-) -> tuple[Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "unknowns"], Float64[np.ndarray, "n"]]:
+    values: Float64[np.ndarray, "*cases n"], rows: Float64[np.ndarray, "*cases n unknowns"]
+) -> tuple[
+    Float64[np.ndarray, "*cases unknowns"], Float64[np.ndarray, "*cases unknowns"], Float64[np.ndarray, "*cases n"]
+]:
     """Returns unknowns, standard errors that allow for correlation between neighbours, and what is left."""
-    weights = np.ones(len(values))
-    unknowns = np.zeros(rows.shape[1])
+    count, size = rows.shape[-2:]
+    weights = np.ones_like(values)
+    unknowns = np.zeros((*values.shape[:-1], size))
     left = values
     for _ in range(_PARAMS.rounds):
-        root = np.sqrt(weights)
-        unknowns = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
-        left = values - rows @ unknowns
-        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
+        unknowns = weighted_least_squares(rows, values, weights)
+        left = values - (rows @ unknowns[..., None])[..., 0]
+        scale = np.maximum(1.4826 * median(np.abs(left)), 1e-9)[..., None]
         weights = falling_weights((left / (2.5 * scale)) ** 2, power=1)
-    inverse = np.linalg.pinv((rows * weights[:, None]).T @ rows)
-    scores = rows * (weights * left)[:, None]
-    scatter = scores.T @ scores
+    inverse = np.linalg.pinv((rows * weights[..., None]).swapaxes(-1, -2) @ rows)
+    scores = rows * (weights * left)[..., None]
+    scatter = scores.swapaxes(-1, -2) @ scores
     for step in range(1, _PARAMS.lag + 1):
-        beside = scores[step:].T @ scores[:-step]
-        scatter += (1 - step / (_PARAMS.lag + 1)) * (beside + beside.T)
-    covariance = inverse @ scatter @ inverse * len(values) / max(len(values) - rows.shape[1], 1)
-    return unknowns, np.sqrt(np.maximum(np.diag(covariance), 1e-18)), left
+        beside = scores[..., step:, :].swapaxes(-1, -2) @ scores[..., :-step, :]
+        scatter += (1 - step / (_PARAMS.lag + 1)) * (beside + beside.swapaxes(-1, -2))
+    covariance = inverse @ scatter @ inverse * count / max(count - size, 1)
+    return unknowns, np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-18)), left
 
 
 def spline_slopes(

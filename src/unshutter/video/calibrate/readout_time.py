@@ -19,7 +19,6 @@ from unshutter.frames.tracks import GUESSED_RATIO, Tracks
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate import cameras
-from unshutter.video.calibrate.readout_regression import Regression, Run, regression, runs_of
 from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage
@@ -56,11 +55,6 @@ def time_without_search(request: ClipRequest) -> ReadoutTime:
 # ---- in tracked frames -----------------------------------------------------------------------------------------
 
 
-def regression_in_survey(evidence: SampledFrames) -> Regression | None:
-    """Returns the readout ratio that the regression of all tracked frames shows, or None if they are too few."""
-    return regression(runs_in_survey(evidence))
-
-
 def wobble_in_survey(evidence: SampledFrames, rows: int) -> float | None:
     """Returns how far a clip wobbles from frame to frame because of its readout; None if its frames are too few.
 
@@ -70,20 +64,9 @@ def wobble_in_survey(evidence: SampledFrames, rows: int) -> float | None:
     Returns:
         Root mean square at the first and last rows [px of the clip].
     """
-    shown = regression_in_survey(evidence)
+    shown = evidence.regression
     px = evidence.px_of(rows)
     return None if shown is None or px is None else shown.wobble_px * px
-
-
-def runs_in_survey(evidence: SampledFrames) -> list[Run]:
-    """Returns the pairs of consecutive frames whose motion is known."""
-    runs: list[Run] = []
-    for part in evidence.parts:
-        later = part[1:]
-        tracks = later[0].tracks if later else None
-        if tracks is not None:
-            runs += runs_of([(each.motion, each.since) for each in later], tracks.height / tracks.width)
-    return runs
 
 
 def time_in_survey(request: ClipRequest, evidence: SampledFrames) -> ReadoutTime:

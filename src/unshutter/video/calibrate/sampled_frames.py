@@ -13,12 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from unshutter.frames.self_calibration import GreyFrame
-from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
+from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
-from unshutter.video.calibrate.readout_regression import PairMotion
+from unshutter.video.calibrate.readout_regression import PairMotion, Regression, Run, regression, runs_of
 from unshutter.video.file.ahead import ahead
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage, Steps
+
+COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +37,6 @@ class TrackedFrame:
         """The tracks that move with the camera."""
         return None if self.tracks is None else background(self.tracks, before=self.before)
 
-    @cached_property
-    def motion(self) -> PairMotion | None:
-        """Motion of the picture since the previous frame, through a lens that keeps lines straight; None if unknown."""
-        plane = self.background
-        return None if plane is None or not plane.joined else PairMotion.through_lens(plane.tracks)
-
 
 @dataclass(frozen=True, eq=False)
 class SampledFrames:
@@ -53,6 +49,32 @@ class SampledFrames:
     def frames(self) -> Iterator[TrackedFrame]:
         """All frames."""
         return (frame for part in self.parts for frame in part)
+
+    @cached_property
+    def by_time(self) -> dict[float, Tracks]:
+        """The tracks from the frame before, by the time of a frame [s]."""
+        return {frame.time_s: frame.tracks for frame in self.frames if frame.tracks is not None}
+
+    @cached_property
+    def pair_runs(self) -> list[Run]:
+        """The pairs of consecutive frames whose motion is known, through a lens that keeps lines straight."""
+        runs: list[Run] = []
+        for part in self.parts:
+            planes = [frame.background for frame in part[1:]]
+            known = [plane.tracks for plane in planes if plane is not None and plane.joined]
+            motions = iter(PairMotion.through_lens(known))
+            pairs = [
+                (next(motions) if plane is not None and plane.joined else None, frame.since)
+                for plane, frame in zip(planes, part[1:], strict=True)
+            ]
+            if known:
+                runs += runs_of(pairs, known[0].height / known[0].width)
+        return runs
+
+    @cached_property
+    def regression(self) -> Regression | None:
+        """The readout ratio that the regression of all frames shows; None if they are too few."""
+        return regression(self.pair_runs)
 
     def px_of(self, rows: int) -> float | None:
         """Returns how many px of a clip with these rows a tracked copy's px is; None if nothing was tracked."""
@@ -110,7 +132,7 @@ def sample_frames(
         grey_before = None
         plane_before = None
         for frame in ahead(request.clip.frames_between(start, end), request.clip.most_ahead(3)):
-            grey = request.grey(frame, TRACKED_SIDE)
+            grey = request.grey(frame, COPY_SIDE)
             tracked = TrackedFrame(frame.time or 0.0)
             if grey_before is not None:
                 since = request.clip.since(before, frame)

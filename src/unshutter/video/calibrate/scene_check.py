@@ -58,9 +58,11 @@ class SceneCheck:
             self._until = -np.inf
         self._scene = shot.scene
         self._shot = shot.number
-        for tracks, begin, end in zip(shot.pairs, shot.times, shot.times[1:], strict=False):
-            if end > self._until:
-                self._aspect = tracks.height / tracks.width
-                self._pairs.append((PairMotion.through_lens(tracks), end - begin))
-                self._until = end
+        pairs = zip(shot.pairs, shot.times, shot.times[1:], strict=False)
+        new = [(tracks, end - begin) for tracks, begin, end in pairs if end > self._until]
+        if new:
+            motions = PairMotion.through_lens([tracks for tracks, _ in new])
+            self._pairs += zip(motions, [gap for _, gap in new], strict=True)
+            self._aspect = new[-1][0].height / new[-1][0].width
+            self._until = shot.times[len(shot.pairs)]
         del self._pairs[:-240]  # pairs, the last ones of a scene

@@ -13,6 +13,7 @@ from unshutter.motion.finding import Finding
 from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code
 from unshutter.video.calibrate.motion_estimation import camera_motion, grey_copies, small_finding
+from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import Frame
 from unshutter.video.file.row_samples import as_kept, step_as_kept
@@ -52,14 +53,18 @@ def with_motion(
     time: ReadoutTime,
     gyro_rotations: GyroRotations | None = None,
     with_steps: bool = False,
+    sampled: SampledFrames | None = None,
+    focal_px: float | None = None,
 ) -> Iterator[MovingFrame]:
     """Yields the frames of a clip with their motion; they are delayed by some frames.
 
     Args:
         gyro_rotations: the camera's rotation from a gyro; None to use only the frames.
         with_steps: whether the camera's rotation since the previous frame is needed.
+        sampled: frames whose corners were tracked before.
+        focal_px: focal length, if it was found before [px of the frames].
     """
-    camera = camera_motion(request, time, gyro_rotations)
+    camera = camera_motion(request, time, gyro_rotations, focal_px=focal_px)
     waiting: deque[Frame] = deque()
 
     def read() -> Iterator[Frame]:
@@ -69,7 +74,7 @@ def with_motion(
             yield frame
 
     last = None
-    for motion, small in _bridged(camera.motions(grey_copies(request, read()))):
+    for motion, small in _bridged(camera.motions(grey_copies(request, read(), sampled))):
         cut = last is not None and motion.scene != last.scene
         step = step_as_kept(motion.step_from(last)) if with_steps else None
         yield MovingFrame(waiting.popleft(), as_kept(small, request.lens), cut=cut, step=step)

@@ -66,7 +66,15 @@ class Rendering:
             return self._with_known_motion(decoded)
         rotations = self.camera.gyro and self.camera.gyro.rotations
         with_steps = options.steadiness.stabilize is not None or options.save_motion is not None
-        moving = with_motion(self.request, decoded, self.camera.readout_time, rotations, with_steps)
+        moving = with_motion(
+            self.request,
+            decoded,
+            self.camera.readout_time,
+            rotations,
+            with_steps,
+            self.decision.sampled,
+            self.decision.focal_px,
+        )
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
     def view(self, number: int) -> View | None:
