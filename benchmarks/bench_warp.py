@@ -27,12 +27,12 @@ READ = "import sys, pyvips; image = pyvips.Image.new_from_file(sys.argv[1])"
 WARP = """
 from unshutter.photo import Photo
 photo = Photo.open(sys.argv[1])
-photo.with_pixels(rectify_pixels(photo.pixels, motion, '{edges}')).save(sys.argv[2], quality=92, overwrite=True)
+photo.with_pixels(straighten(photo.pixels, motion, '{edges}')[0]).save(sys.argv[2], quality=92, overwrite=True)
 """
 WRITE = "out.jpegsave(sys.argv[2], Q=92)"
 SHAKE = """
 from unshutter.motion import Motion, RowMotion
-from unshutter.motion.warp import rectify_pixels
+from unshutter.motion.warp import straighten
 unit = image.width / 100
 motion = RowMotion.from_polynomials([0, 3 * unit, -2 * unit], [0, 0.02, -0.01], image.height, image.width)
 """

@@ -23,7 +23,7 @@ from unshutter.motion.finding import Finding
 from unshutter.motion.grid import gs_to_rs_map
 from unshutter.motion.upright import Pose
 from unshutter.motion.verdict import Verdict
-from unshutter.motion.warp import rectify_pixels, straighten, validity_mask
+from unshutter.motion.warp import straighten, validity_mask
 from unshutter.page import photo_jobs
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
@@ -89,7 +89,7 @@ def test_what_is_checked_can_fail() -> None:
     motion = shake(*SIZES[0])
     for edges in ("fill", "keep"):
         with pytest.raises(AssertionError):
-            check(rectify_pixels(painted(*SIZES[0]), motion, edges), *backward_map(motion))
+            check(straighten(painted(*SIZES[0]), motion, edges)[0], *backward_map(motion))
 
 
 def test_on_the_command_line_in_folders_and_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,9 +184,9 @@ def test_what_a_turning_camera_did_not_see_is_borrowed() -> None:
         result = with_neighbours(*(Photo.from_array(frame) for frame in frames[number - 1 : number + 2]))
         if result.edges == "borrow":
             assert result.motion is not None
-            assert result.pixels.size > straighten(frames[number], result.motion, "crop").pixels.size
+            assert result.pixels.size > straighten(frames[number], result.motion, "crop")[0].size
             borrowed.append(worst_part(result.pixels, exact[number]))
-            filled.append(worst_part(straighten(frames[number], result.motion, "fill").pixels, exact[number]))
+            filled.append(worst_part(straighten(frames[number], result.motion, "fill")[0], exact[number]))
     assert len(borrowed) > 3
     assert max(borrowed) < 3 < max(filled)
 
@@ -220,7 +220,7 @@ def test_the_examples_have_pixels_of_their_own(name: str) -> None:
     if not result.changed:
         assert np.array_equal(result.pixels, result.original.pixels)
         return
-    kept = straighten(result.original.pixels, result.motion, "keep").pixels
+    kept = straighten(result.original.pixels, result.motion, "keep")[0]
     match = cv2.matchTemplate(kept, result.pixels, cv2.TM_SQDIFF)
     top, left = np.unravel_index(match.argmin(), match.shape)
     window = np.s_[top : top + result.pixels.shape[0], left : left + result.pixels.shape[1]]

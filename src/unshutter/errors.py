@@ -44,11 +44,16 @@ def shortened(value: object) -> str:
 
 def suggestion(word: str, choices: Iterable[str]) -> str:
     """Suggests the choice closest to a mistyped word, ``did you mean rectify?``; empty if none is close."""
+    known = list(choices)
+    close = similar(word, known, 1) or [k for k in known if k.startswith(word)]
+    return f"did you mean {close[0]}?" if close else ""
+
+
+def similar(word: str, known: Iterable[str], most: int) -> list[str]:
+    """Returns the known words that are spelled most like one, if any are close."""
     import difflib  # imported here because it is rarely needed
 
-    known = list(choices)
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.7) or [k for k in known if k.startswith(word)]
-    return f"did you mean {close[0]}?" if close else ""
+    return difflib.get_close_matches(word, list(known), most, 0.7)
 
 
 def as_flag(option: str) -> str:

@@ -1,9 +1,9 @@
-"""Messages for the user on standard error, and progress while many photos are processed: a bar on a terminal."""
+"""Messages for the user on standard error, progress while many photos are processed, and texts in columns."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import timedelta
 from typing import TYPE_CHECKING, Self, TypeAlias
 
@@ -111,6 +111,14 @@ class ClipObserver:
 
 
 SILENT = ClipObserver()
+
+
+def in_columns(rows: Sequence[Sequence[str]], right: int | None = None) -> str:
+    """Formats rows of texts, one a line, in columns of which one may be aligned to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = [str.rjust if k == right else str.ljust for k in range(len(widths))]
+    lines = ("  ".join(side(*each) for side, *each in zip(sides, row, widths, strict=True)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def rate(per_second: float | None) -> str:

@@ -11,7 +11,7 @@ from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
 from unshutter.motion.edges import valid_window
-from unshutter.motion.warp import edge_decision, rectify_pixels, straighten, validity_mask
+from unshutter.motion.warp import edge_decision, straighten, validity_mask
 
 
 def rectangle(mask: np.ndarray, any_shape: bool = False) -> tuple[int, int, int, int]:
@@ -23,7 +23,7 @@ def rectangle(mask: np.ndarray, any_shape: bool = False) -> tuple[int, int, int,
 def test_keep_is_black_and_transparent_a_pixel_beyond_what_the_photo_saw(bands):
     pixels = np.full((90, 120, bands), 200, dtype=np.uint8)
     motion = shake(90, 120)
-    kept = rectify_pixels(pixels, motion, "keep")
+    kept = straighten(pixels, motion, "keep")[0]
     mask = validity_mask(motion)
     assert 0.5 < mask.mean() < 0.99
     assert (kept[mask] == 200).all()
@@ -37,16 +37,16 @@ def test_less_than_a_pixel_leaves_no_black_hairline():
     pixels = np.full((90, 120, 3), 200, dtype=np.uint8)
     slight = RowMotion.from_polynomials([0, 0.9], [0], 90, 120)
     assert not validity_mask(slight).all()
-    assert (rectify_pixels(pixels, slight, "keep") == 200).all()
+    assert (straighten(pixels, slight, "keep")[0] == 200).all()
     more = RowMotion.from_polynomials([0, 3.5], [0], 90, 120)
-    assert (rectify_pixels(pixels, more, "keep") == 0).any()
+    assert (straighten(pixels, more, "keep")[0] == 0).any()
 
 
 def test_fill_mirrors_the_photo():
     pixels = drawn_scene(90, 120)
     motion = shake(90, 120)
-    filled = rectify_pixels(pixels, motion, "fill").astype(int)
-    kept = rectify_pixels(pixels, motion, "keep")
+    filled = straighten(pixels, motion, "fill")[0].astype(int)
+    kept = straighten(pixels, motion, "keep")[0]
     mask = validity_mask(motion)
     assert np.array_equal(filled[mask], kept[mask])
     assert not np.array_equal(filled, kept)
@@ -62,8 +62,8 @@ def test_fill_does_not_streak():
     """Far from the border a filled corner is as rich as the photo itself: no row of it repeats one pixel."""
     pixels = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
     motion = RowMotion.from_polynomials([0, 60], [0], 120, 160)
-    filled = rectify_pixels(pixels, motion, "fill")
-    kept = rectify_pixels(pixels, motion, "keep")
+    filled = straighten(pixels, motion, "fill")[0]
+    kept = straighten(pixels, motion, "keep")[0]
     corner = np.flatnonzero(kept[-1] == 0)
     assert corner.size > 50
     assert np.ptp(filled[-1][corner].astype(int)) > 100
@@ -72,15 +72,15 @@ def test_fill_does_not_streak():
 def test_crop_keeps_only_valid_pixels():
     for height, width in ((90, 120), (150, 100), (77, 77)):
         motion = shake(height, width)
-        cropped = rectify_pixels(np.full((height, width), 200, np.uint8), motion, "crop")
+        cropped = straighten(np.full((height, width), 200, np.uint8), motion, "crop")[0]
         assert (cropped == 200).all()
         rows, cols = cropped.shape[:2]
         assert rows * cols > 0.5 * height * width
         seen = inside(*backward_map(motion), height, width, -1)
         left, top, w, h = rectangle(seen, any_shape=True)
         assert (w, h) == (cols, rows)
-        kept = rectify_pixels(drawn_scene(height, width), motion)[top : top + h, left : left + w]
-        assert np.array_equal(rectify_pixels(drawn_scene(height, width), motion, "crop"), kept)
+        kept = straighten(drawn_scene(height, width), motion)[0][top : top + h, left : left + w]
+        assert np.array_equal(straighten(drawn_scene(height, width), motion, "crop")[0], kept)
 
 
 @settings(deadline=None, max_examples=60)
@@ -129,10 +129,10 @@ def test_the_crop_is_the_largest_of_any_shape_or_nearly_and_of_the_photos_shape(
 def test_a_leaning_photo_is_cropped_to_the_largest_rectangle_of_any_shape():
     """The demo's case: a shear takes a triangle of each side; the photo's own shape would lose its height as well."""
     lean = RowMotion.from_polynomials([0, 120], [0], 480, 640)
-    found = straighten(drawn_scene(480, 640), lean, "auto")
-    assert found.edges == "crop" and found.pixels.shape[:2] == (480, 640 - 119)  # a corner is a pixel outside
-    shaped = straighten(drawn_scene(480, 640), RowMotion.from_polynomials([0, 9], [0], 480, 640), "auto")
-    height, width = shaped.pixels.shape[:2]  # here the photo's shape costs less than 3 % of the area
+    pixels, found = straighten(drawn_scene(480, 640), lean, "auto")
+    assert found.edges == "crop" and pixels.shape[:2] == (480, 640 - 119)  # a corner is a pixel outside
+    shaped, _ = straighten(drawn_scene(480, 640), RowMotion.from_polynomials([0, 9], [0], 480, 640), "auto")
+    height, width = shaped.shape[:2]  # here the photo's shape costs less than 3 % of the area
     assert width == 632 and height == round(632 * 480 / 640)
 
 
@@ -162,52 +162,53 @@ def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
 def test_crop_that_leaves_nothing_says_so():
     image = np.full((100, 100), 9, np.uint8)
     with pytest.raises(UnshutterError, match="9 % of the photo: use other edges, keep or fill"):
-        rectify_pixels(image, RowMotion(100, np.full(100, 92.0), np.zeros(100)), "crop")
+        straighten(image, RowMotion(100, np.full(100, 92.0), np.zeros(100)), "crop")[0]
     with pytest.raises(UnshutterError, match="0 % of the photo"):
-        rectify_pixels(image, RowMotion(100, np.full(100, 500.0), np.zeros(100)), "crop")
+        straighten(image, RowMotion(100, np.full(100, 500.0), np.zeros(100)), "crop")[0]
 
 
 @pytest.mark.parametrize(("height", "width"), [(480, 640), (1500, 2000), (2003, 1501)])
 def test_large_pictures_are_cropped_to_what_the_photo_saw(height: int, width: int):
     motion = shake(height, width)
-    found = straighten(np.full((height, width), 200, np.uint8), motion, "crop")
-    assert (found.pixels == 200).all()
+    pixels, found = straighten(np.full((height, width), 200, np.uint8), motion, "crop")
+    assert (pixels == 200).all()
     exact = rectangle(validity_mask(motion), any_shape=True)
-    assert found.pixels.shape[1] >= exact[2] - 8
-    assert found.area_left == pytest.approx(found.pixels.size / (height * width))
+    assert pixels.shape[1] >= exact[2] - 8
+    assert found.area_left == pytest.approx(pixels.size / (height * width))
 
 
 @pytest.mark.parametrize("share", [0.3, 5.0])
 def test_automatic_edges_crop_however_much_is_lost(share: float):
     pixels, motion = drawn_scene(300, 400), shake(300, 400, share)
-    found = straighten(pixels, motion, "auto")
+    cropped, found = straighten(pixels, motion, "auto")
     assert found.edges == "crop" and found.area_left is not None and (found.area_left < 0.8) == (share == 5.0)
-    np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, "crop"))
+    np.testing.assert_array_equal(cropped, straighten(pixels, motion, "crop")[0])
 
 
 def test_where_a_crop_leaves_next_to_nothing_automatic_edges_keep_the_photo():
     pixels = drawn_scene(100, 100)
     motion = RowMotion(100, np.full(100, 95.0), np.zeros(100))
-    found = straighten(pixels, motion, "auto")
+    kept, found = straighten(pixels, motion, "auto")
     assert found.edges == "keep" and found.area_left == pytest.approx(0.06, abs=0.011)
-    np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, "keep"))
+    np.testing.assert_array_equal(kept, straighten(pixels, motion, "keep")[0])
 
 
 @pytest.mark.parametrize(("height", "width"), [(90, 120), (1001, 1503)])
 def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
     pixels = drawn_scene(height, width)
-    found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], height, width), "auto")
-    assert found.pixels.shape == pixels.shape and found.area_left == 1
+    cropped, found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], height, width), "auto")
+    assert cropped.shape == pixels.shape and found.area_left == 1
 
 
 @pytest.mark.parametrize("edges", ["keep", "crop", "fill", "auto"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_what_would_be_done_about_edges_is_what_is_done(edges, share):
     pixels, motion = drawn_scene(90, 120), shake(90, 120, share)
-    frame, made = edge_decision(motion, edges), straighten(pixels, motion, edges)
-    assert (frame.edges, frame.area_left) == (made.edges, made.area_left)
-    assert (frame.window.bottom - frame.window.top, frame.window.right - frame.window.left) == made.pixels.shape[:2]
+    frame = edge_decision(motion, edges)
+    made, decision = straighten(pixels, motion, edges)
+    assert (frame.edges, frame.area_left) == (decision.edges, decision.area_left)
+    assert (frame.window.bottom - frame.window.top, frame.window.right - frame.window.left) == made.shape[:2]
     if frame.edges == "crop":
-        kept = rectify_pixels(pixels, motion, "fill")
+        kept = straighten(pixels, motion, "fill")[0]
         rows, cols = slice(frame.window.top, frame.window.bottom), slice(frame.window.left, frame.window.right)
-        assert np.array_equal(kept[rows, cols], made.pixels)
+        assert np.array_equal(kept[rows, cols], made)

@@ -12,7 +12,7 @@ import pytest
 
 import unshutter
 from unshutter import Finding, Motion, RotationMotion, RowMotion, ScanDirection, UnshutterError, UsageError
-from unshutter.motion.warp import rectify_pixels
+from unshutter.motion.warp import straighten
 from unshutter.reasons import MotionSource, Reason
 
 HEIGHT, WIDTH = 90, 120
@@ -214,7 +214,7 @@ def test_a_file_gives_back_the_same_motion_and_picture(make, reference, tmp_path
     assert back == motion
     assert json.loads(motion.to_json())["kind"] == motion.kind
     pixels = np.random.default_rng(1).integers(0, 256, (WIDTH, HEIGHT, 3), dtype=np.uint8)
-    assert np.array_equal(rectify_pixels(pixels, back), rectify_pixels(pixels, motion))
+    assert np.array_equal(straighten(pixels, back)[0], straighten(pixels, motion)[0])
 
 
 @every_kind

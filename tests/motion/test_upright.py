@@ -133,10 +133,10 @@ def test_motion_and_pose_are_undone_in_one_warp() -> None:
     np.testing.assert_allclose(there, motion.gs_to_rs(*HELD.leaning(*at, HEIGHT, WIDTH)))
     np.testing.assert_allclose(rs_to_gs_map(motion, HELD)(*there), at, atol=1e-3)
     pixels = np.full((HEIGHT, WIDTH), 200, np.uint8)
-    result = straighten(pixels, motion, "crop", upright=HELD)
-    assert (result.pixels == 200).all() and result.pixels.shape != pixels.shape
-    assert edge_decision(motion, "crop", HELD).area_left == result.area_left
-    kept = straighten(pixels, RowMotion.zero(HEIGHT, WIDTH), "keep", upright=HELD).pixels
+    cropped, decision = straighten(pixels, motion, "crop", upright=HELD)
+    assert (cropped == 200).all() and cropped.shape != pixels.shape
+    assert edge_decision(motion, "crop", HELD).area_left == decision.area_left
+    kept = straighten(pixels, RowMotion.zero(HEIGHT, WIDTH), "keep", upright=HELD)[0]
     outside = ~validity_mask(RowMotion.zero(HEIGHT, WIDTH), HELD)
     assert outside.sum() > 0 and (kept[cv2.erode(outside.astype(np.uint8), np.ones((5, 5))) > 0] == 0).all()
 

@@ -15,7 +15,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import RowMotion, warp
 from unshutter.motion import grid as sampling_map
 from unshutter.motion.grid import SamplingGrid, gs_to_rs_map
-from unshutter.motion.warp import distort_pixels, rectify_pixels, validity_mask, warp_plane
+from unshutter.motion.warp import distort_pixels, straighten, validity_mask, warp_plane
 from unshutter.orientation import ScanDirection
 from unshutter.storage import files
 from unshutter_lab.synthesis.row_motions import draw_quadratic
@@ -137,7 +137,7 @@ def test_signs_on_a_drawn_bar(readout):
     in_frame = readout.to_scan_frame(rs)
     middle = (in_frame * np.arange(100)).sum(1) / in_frame.sum(1)
     assert middle == pytest.approx(30 + motion.tx_px, abs=0.05)
-    back = rectify_pixels(rs, motion)
+    back = straighten(rs, motion)[0]
     again = readout.to_scan_frame(back)
     assert (again * np.arange(100.0)).sum(1) / again.sum(1) == pytest.approx(np.full(80, 30), abs=0.1)
 
@@ -157,7 +157,7 @@ def test_round_trip_is_within_half_a_decibel_of_the_interpolation_limit(seed):
     motion = draw_quadratic(np.random.default_rng(seed), 256, 356).crop
     gs = drawn_scene(256, 256, dtype=np.uint16, finest=10.0)
     rs = distort_pixels(gs, motion)
-    found = rectify_pixels(rs, motion)
+    found = straighten(rs, motion)[0]
 
     row, col = np.mgrid[:256, :256].astype(float)
     forward, backward = motion.rs_to_gs(col, row), motion.gs_to_rs(col, row)
@@ -179,8 +179,8 @@ def test_round_trip_is_within_half_a_decibel_of_the_interpolation_limit(seed):
 @pytest.mark.parametrize("edges", ["keep", "crop", "fill"])
 def test_readouts_give_the_same_picture_turned(readout, edges):
     frame = drawn_scene(120, 160, dtype=np.uint16)
-    upright = rectify_pixels(frame, shake(120, 160), edges)
-    stored = rectify_pixels(as_stored(frame, readout), shake(120, 160, scan_direction=readout), edges)
+    upright = straighten(frame, shake(120, 160), edges)[0]
+    stored = straighten(as_stored(frame, readout), shake(120, 160, scan_direction=readout), edges)[0]
     if edges == "crop":  # of two equally good places the first is taken, and turning may change which
         assert readout.to_scan_frame(stored).shape == upright.shape
         return
@@ -196,18 +196,18 @@ def test_no_displacement_gives_bit_identical_pixels(bands, dtype):
     pixels = np.random.default_rng(0).integers(0, np.iinfo(dtype).max + 1, (70, 90, bands)).astype(dtype)
     if bands in (2, 4):
         pixels[..., -1] = np.iinfo(dtype).max
-    assert rectify_pixels(pixels, RowMotion.zero(70, 90)) is pixels
+    assert straighten(pixels, RowMotion.zero(70, 90))[0] is pixels
     assert distort_pixels(pixels, RowMotion.zero(70, 90)) is pixels
     barely = RowMotion(90, np.full(70, 1e-9), np.zeros(70))  # goes the whole way nevertheless
     for edges in ("keep", "crop", "fill"):
-        np.testing.assert_array_equal(rectify_pixels(pixels, barely, edges), pixels, strict=True)
+        np.testing.assert_array_equal(straighten(pixels, barely, edges)[0], pixels, strict=True)
     np.testing.assert_array_equal(distort_pixels(pixels, barely), pixels, strict=True)
 
 
 def test_pixels_equal_an_independent_bicubic():
     gs = drawn_scene(200, 150, finest=8.0)
     motion = shake(200, 150)
-    found = rectify_pixels(gs, motion)
+    found = straighten(gs, motion)[0]
     expected = np.clip(bicubic(gs, *positions_by_motion(motion)), 0, 255)
     mask = validity_mask(motion)
     assert np.abs(found - expected)[mask].max() < 2.5  # OpenCV rounds positions to 1/32 px
@@ -221,7 +221,7 @@ def test_transparent_colours_do_not_bleed():
     pixels = np.full((40, 60, 4), 255, dtype=np.uint8)
     pixels[:, :30] = (50, 60, 70, 255)
     pixels[:, 30:, 3] = 0  # white, but transparent
-    result = rectify_pixels(pixels, RowMotion(60, np.full(40, 3.5), np.zeros(40)), "keep")
+    result = straighten(pixels, RowMotion(60, np.full(40, 3.5), np.zeros(40)), "keep")[0]
     seen = result[..., 3] > 0
     assert np.abs(result[seen][:, :3].astype(int) - (50, 60, 70)).max() <= 1
     assert 0 < result[20, 26, 3] < 255  # the edge is half covered: column 26 looks at 29.5
@@ -233,7 +233,7 @@ def test_half_transparent_colours_stay(dtype, bands):
     unit = 1 if dtype == np.uint8 else 257
     pixels = np.full((40, 60, bands), (77, 131, 200, 99)[-bands:], dtype) * dtype(unit)
     motion = RowMotion(60, np.linspace(0, 3.3, 40), np.zeros(40))
-    result = rectify_pixels(pixels, motion, "fill")
+    result = straighten(pixels, motion, "fill")[0]
     assert result.dtype == dtype
     assert np.abs(result.astype(int) - pixels).max() <= unit // 257  # uint8: exact
 
@@ -245,11 +245,11 @@ def test_half_transparent_colours_stay(dtype, bands):
 def test_pictures_that_are_cut_up_come_out_the_same(edges, monkeypatch):
     """cv2.remap takes no more than 32767 px a side: beyond, tiles look at parts of the picture."""
     pixels, motion = drawn_scene(150, 260, 4), shake(150, 260)
-    whole = rectify_pixels(pixels, motion, edges)
+    whole = straighten(pixels, motion, edges)[0]
     monkeypatch.setattr(sampling_map, "_TILE", (32, 80))
     monkeypatch.setattr(warp, "_LONGEST_SOURCE", 30)
     monkeypatch.setattr(files, "SPILL_BYTES", 1000)
-    parts = rectify_pixels(pixels, motion, edges)
+    parts = straighten(pixels, motion, edges)[0]
     assert isinstance(parts, np.memmap)
     assert np.abs(whole.astype(int) - parts).max() <= 4  # float32 rounds positions otherwise, to 1/32 px in the end
     assert (whole != parts).mean() < 0.02
@@ -257,9 +257,9 @@ def test_pictures_that_are_cut_up_come_out_the_same(edges, monkeypatch):
 
 def test_threads_are_those_that_libvips_may_use(monkeypatch):
     pixels, motion = drawn_scene(300, 260), shake(300, 260)
-    several = rectify_pixels(pixels, motion)
+    several = straighten(pixels, motion)[0]
     monkeypatch.setenv("VIPS_CONCURRENCY", "1")
-    np.testing.assert_array_equal(rectify_pixels(pixels, motion), several)
+    np.testing.assert_array_equal(straighten(pixels, motion)[0], several)
     assert warp.thread_count() == 1
     for odd in ("", "0", "many"):
         monkeypatch.setenv("VIPS_CONCURRENCY", odd)
@@ -269,7 +269,7 @@ def test_threads_are_those_that_libvips_may_use(monkeypatch):
 def test_a_picture_wider_than_remap_takes():
     pixels = np.tile(np.arange(40_000) // 200 % 256, (64, 1)).astype(np.uint8)
     motion = RowMotion(40_000, np.linspace(0, 300, 64), np.zeros(64))
-    rectified = rectify_pixels(pixels, motion, "fill")
+    rectified = straighten(pixels, motion, "fill")[0]
     for row, shift in ((0, 0), (63, 300)):
         looked_at = np.arange(40_000) + shift
         expected = pixels[row, np.where(looked_at > 39_999, 79_999 - looked_at, looked_at)]
@@ -285,24 +285,24 @@ def test_tiny_pictures(height, width):
     motion = RowMotion(width, np.linspace(0, 0.3, height), np.linspace(0, 0.001, height), reference="first")
     motion = motion if height > 1 else RowMotion(width, np.array([0.3]), np.array([0.0]))
     for edges in ("keep", "fill"):
-        result = rectify_pixels(pixels, motion, edges)
+        result = straighten(pixels, motion, edges)[0]
         assert result.shape == (height, width)
-    assert rectify_pixels(pixels, motion, "fill").min() == 90
+    assert straighten(pixels, motion, "fill")[0].min() == 90
     assert validity_mask(motion).shape == (height, width)
 
 
 def test_wrong_size_names_both_sizes():
     image = np.zeros((90, 120), np.uint8)
-    for function in (rectify_pixels, distort_pixels):
+    for function in (straighten, distort_pixels):
         with pytest.raises(UnshutterError, match="200x100 px but this one has 120x90 px"):
             function(image, shake(100, 200))
     with pytest.raises(UnshutterError, match="90x120 px"):
-        rectify_pixels(image, shake(90, 120, scan_direction=ScanDirection.LEFT_TO_RIGHT))
+        straighten(image, shake(90, 120, scan_direction=ScanDirection.LEFT_TO_RIGHT))[0]
 
 
 def test_unknown_edges():
     with pytest.raises(UsageError, match="keep, crop or fill"):
-        rectify_pixels(np.zeros((90, 120), np.uint8), shake(90, 120), "mirror")
+        straighten(np.zeros((90, 120), np.uint8), shake(90, 120), "mirror")[0]
 
 
 @pytest.mark.parametrize("subsampling", [(1, 1), (2, 2), (4, 1)])

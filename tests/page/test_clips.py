@@ -131,10 +131,10 @@ def test_a_clip_that_was_read_another_way(client: httpx.Client, tmp_path: Path) 
     """Its frames show it, so that the page undoes its motion that way."""
     greys = [np.ascontiguousarray(np.rot90(grey, 3)) for grey in clips.moving(40, hand(4, seconds=6.0), ratio=0.6)[1]]
     video = clips.write(tmp_path / "turned.mkv", greys, "ffv1")
-    id = opened(client, video, "clips")
-    assert client.get(f"/api/clips/{id}/readout").json()["direction"] == "right-to-left"
-    assert facts(client.get(f"/api/clips/{id}/after", params={"moment": "2"}))["changed"]
-    assert _told_of(client, id, {})["rectified"] == 40
+    id, known = opened(client, video, "clips"), {"focal-px": str(clips.FOCAL)}
+    assert client.get(f"/api/clips/{id}/readout", params=known).json()["direction"] == "right-to-left"
+    assert facts(client.get(f"/api/clips/{id}/after", params=known | {"moment": "2"}))["changed"]
+    assert _told_of(client, id, known)["rectified"] == 40
 
 
 def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

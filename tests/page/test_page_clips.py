@@ -25,7 +25,7 @@ def stroll(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return clips.write(tmp_path_factory.mktemp("clips") / "walk.mp4", GREYS, sound=True)
+    return clips.write(tmp_path_factory.mktemp("clips") / "walk.mp4", GREYS[:14], sound=True)
 
 
 def _give_readout(page: Page, value: str = "20") -> None:
@@ -62,7 +62,8 @@ def test_a_first_look_comes_before_the_readout_time_is_known_and_then_the_clip_c
     expect(save).to_be_enabled()
 
 
-def test_dropped_looked_at_and_saved(page: Page, walk: Path, photo: Path) -> None:
+def test_dropped_looked_at_and_saved(page: Page, tmp_path: Path, photo: Path) -> None:
+    walk = clips.write(tmp_path / "walk.mp4", GREYS, sound=True)
     drop(page, photo, walk)
     wait_for(page, "changed", 1)
     wait_for(page, "done", 2)  # after the photos, although nobody looks at it

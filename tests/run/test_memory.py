@@ -13,7 +13,7 @@ from support.batches import start_rectify
 from support.covering import thorough
 from support.drawn_photos import textured
 from unshutter import Motion, RowMotion
-from unshutter.motion.warp import rectify_pixels
+from unshutter.motion.warp import straighten
 from unshutter.photo import Photo
 
 HEIGHT, WIDTH = 300, 400
@@ -29,7 +29,7 @@ def test_pictures_go_when_nobody_needs_them(motion: Motion) -> None:
     gc.disable()
     try:
         pixels = textured(HEIGHT, WIDTH)
-        result = rectify_pixels(pixels, motion)
+        result = straighten(pixels, motion)[0]
         kept = [weakref.ref(pixels), weakref.ref(result)]
         del pixels, result
         assert [ref() is None for ref in kept] == [True, True]

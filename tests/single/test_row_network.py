@@ -14,7 +14,7 @@ import unshutter
 from support.drawn_photos import drawn
 from unshutter import Motion, RowMotion, UnshutterError, View
 from unshutter.cli import main
-from unshutter.motion.warp import rectify_pixels
+from unshutter.motion.warp import straighten
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.single.register import method
@@ -120,7 +120,7 @@ def test_a_second_answer_counts_if_it_is_small(share: float, counts: bool) -> No
     square = drawn(SIZE, SIZE)
     np.testing.assert_allclose(estimator.of_square(square), (1 + share if counts else 1) * first)
     np.testing.assert_array_equal(network.shown[0], square)
-    np.testing.assert_array_equal(network.shown[1], rectify_pixels(square, RowMotion(SIZE, *first)))
+    np.testing.assert_array_equal(network.shown[1], straighten(square, RowMotion(SIZE, *first))[0])
 
 
 def test_a_motion_that_would_fold_the_picture_is_not_looked_at_again() -> None:

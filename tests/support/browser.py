@@ -16,7 +16,13 @@ from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 SLOW_MS = 60_000  # others may work beside the tests
 # the first one has no window, and takes a tenth less time than the others, which prepare for one
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
-_ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--process-per-site")  # a process for each tab takes long to start
+_ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--process-per-site",
+    "--renderer-process-limit=1",
+    "--in-process-gpu",
+)  # a process for each tab takes long to start
 
 
 @dataclass

@@ -67,7 +67,7 @@ def test_frames_come_while_others_are_still_to_be_decoded():
             taken.append(k)
             yield GREYS[k % 24 if k // 24 % 2 == 0 else 23 - k % 24]
 
-    results = unshutter.rectify_clip_frames(decoder(), readout_ratio=0.6, edges="keep")
+    results = unshutter.rectify_clip_frames(decoder(), readout_ratio=0.6, focal_px=clips.FOCAL, edges="keep")
     next(results)
     assert len(taken) < 60
 
@@ -113,7 +113,12 @@ def test_the_focal_length_counts():
         (GREYS, {"readout_ratio": 1.5}, unshutter.UsageError, "at most 1"),
         (GREYS, {"readout_ms": 20}, unshutter.UsageError, "give both"),
         (GREYS, {"readout_ratio": 0.5, "edges": "crop"}, unshutter.UsageError, "keep or fill"),
-        (clips.moving(24, pan())[1], {}, UnknownRatioError, "give readout_ratio, or readout_ms and fps"),
+        (
+            clips.moving(24, pan())[1],
+            {"focal_px": clips.FOCAL},
+            UnknownRatioError,
+            "give readout_ratio, or readout_ms and fps",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(frames, options, error, complaint):
@@ -139,22 +144,23 @@ def of_arrays(frames, **options):
     return np.stack(list(unshutter.rectify_clip_frames(frames, **options)))
 
 
-@pytest.mark.parametrize("options", [{"stabilize": 1.0}, {"strength": 0.5, "reference": "first"}])
+@pytest.mark.parametrize(
+    "options", [{"stabilize": 1.0, "focal_px": clips.FOCAL}, {"strength": 0.5, "reference": "first"}]
+)
 def test_pixels_are_those_of_a_file(tmp_path, options):
     known = {"readout_ratio": 0.6, **options}
     expected = of_file(tmp_path, GREYS, **known)
-    assert np.array_equal(of_arrays(GREYS, **known), expected)
-    assert np.array_equal(of_arrays(np.stack(GREYS), **known), expected)
-    if "stabilize" not in options:
-        assert np.array_equal(of_arrays(iter(GREYS), **known), expected)
+    for frames in (GREYS, np.stack(GREYS)) if "stabilize" in options else (iter(GREYS),):
+        assert np.array_equal(of_arrays(frames, **known), expected)
     assert not np.array_equal(expected, np.stack(GREYS))
 
 
 def test_readout_time_and_direction_are_found_as_in_a_file(tmp_path):
     camera, frames = clips.moving(61, hand_held.hand(4, seconds=6.0))
     turned = [np.ascontiguousarray(np.rot90(frame)) for frame in frames]
-    found = of_arrays(iter(turned), edges="fill")
-    assert np.array_equal(found, of_file(tmp_path, turned, edges="fill"))
+    options = {"focal_px": clips.FOCAL, "edges": "fill"}
+    found = of_arrays(iter(turned), **options)
+    assert np.array_equal(found, of_file(tmp_path, turned, **options))
     truth = np.stack(clips.truth(camera)).astype(float)
     before, after = (clips.psnr(np.rot90(each, -1, axes=(1, 2)).astype(float), truth) for each in (turned, found))
     assert after > before + 5
@@ -171,7 +177,7 @@ def test_a_camera_at_rest_needs_no_ratio():
     for frames in (standing, iter(standing)):
         assert all(now is before for now, before in zip(unshutter.rectify_clip_frames(frames), standing, strict=True))
     with pytest.raises(UnknownRatioError):  # who knows what comes after the frames that are examined
-        next(unshutter.rectify_clip_frames(chain(standing * 6, GREYS)))
+        next(unshutter.rectify_clip_frames(chain(standing * 6, GREYS), focal_px=clips.FOCAL))
 
 
 class Stream:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from unshutter import Motion, RowMotion, ScanDirection, UnshutterError, UsageError
-from unshutter.motion.warp import rectify_pixels
+from unshutter.motion.warp import straighten
 from unshutter_lab.methods.row_map import RowMapMotion, gs_to_rs_by_row_map
 
 ROW_MAP = (np.linspace(-1, 1, 12).reshape(3, 4), (10, 0), (60, 60))
@@ -108,9 +108,9 @@ def test_a_file_gives_back_the_same_motion_and_picture(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", script, tmp_path / "m.json"], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("RowMapMotion\n", "")
     pixels = np.random.default_rng(1).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    loaded = rectify_pixels(pixels, Motion.load(tmp_path / "m.json"))
-    assert np.array_equal(loaded, rectify_pixels(pixels, motion()))
-    assert not np.array_equal(loaded, rectify_pixels(pixels, motion().row_motion))
+    loaded = straighten(pixels, Motion.load(tmp_path / "m.json"))[0]
+    assert np.array_equal(loaded, straighten(pixels, motion())[0])
+    assert not np.array_equal(loaded, straighten(pixels, motion().row_motion)[0])
 
 
 @pytest.mark.parametrize(

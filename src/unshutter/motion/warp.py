@@ -15,7 +15,6 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -34,31 +33,13 @@ _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
 _REACH = 3  # px that interpolation reads beyond a position
 
 
-class Straightened(NamedTuple):
-    """A rectified picture and how its edges were handled."""
-
-    # stored pixels with the photo's type and bands, and its size (smaller if cropped); the photo's own if the motion
-    # is zero
-    pixels: UInt[np.ndarray, "new_height new_width *bands"]
-    edges: Edges  # ``keep``, ``crop`` or ``fill``: the result of ``auto``, if that was chosen
-    window: Tile  # the part of the photo's frame that they show
-    area_left: float | None = None  # share of the photo's area that a crop leaves; None if no crop was computed
-
-
-def rectify_pixels(
-    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
-) -> UInt[np.ndarray, "new_height new_width *bands"]:
-    """Returns the pixels of :func:`straighten`."""
-    return straighten(pixels, motion, edges, masked).pixels
-
-
 def straighten(
     pixels: UInt[np.ndarray, "height width *bands"],
     motion: Motion,
     edges: Edges = "keep",
     masked: bool = False,
     upright: Pose | None = None,
-) -> Straightened:
+) -> tuple[UInt[np.ndarray, "new_height new_width *bands"], EdgeDecision]:
     """Computes the global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
     Args:
@@ -71,19 +52,21 @@ def straighten(
             Less than a pixel outside, ``keep`` and ``crop`` repeat the border, so that no edge gets a black hairline.
         masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated separately, like a colour.
         upright: the pose of the camera to undo in the same step; None: the picture is not turned.
+
+    Returns:
+        Stored pixels with the photo's type and bands, and its size (smaller if cropped), the photo's own if the motion
+        is zero; and how its edges were handled.
     """
     check_edges(edges)
     policy = EdgePolicy(edges)
     _check_size(pixels, motion)
     height, width = pixels.shape[:2]
     if motion.is_zero and upright is None:
-        decision = policy.without_motion((height, width))
-        return Straightened(pixels, decision.edges, decision.window)
+        return pixels, policy.without_motion((height, width))
     grid = SamplingGrid.of(gs_to_rs_map(motion, upright), height, width)
     decision = _decision(grid, policy)
     black_beyond = EdgePolicy(decision.edges).black_beyond
-    warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
-    return Straightened(warped, *decision)
+    return _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked), decision
 
 
 def edge_decision(motion: Motion, edges: Edges, upright: Pose | None = None) -> EdgeDecision:
@@ -162,7 +145,7 @@ def _warped(
     Args:
         black_beyond: distance outside the picture [px] from which pixels become 0; up to there the border is
             repeated; None: the picture is mirrored at its border.
-        masked: see :func:`rectify_pixels`.
+        masked: see :func:`straighten`.
     """
     shape = window.bottom - window.top, window.right - window.left, *pixels.shape[2:]
     if math.prod(shape) * pixels.itemsize <= files.SPILL_BYTES:

@@ -180,7 +180,7 @@ def _rectify_alone(
         decision = edge_decision(motion, undo.edges, upright)
         result = result | _edges_json(decision, (photo.height, photo.width), photo.orientation)
         motion = motion.resized(*motion.scan_direction.frame_size(height, width))
-    shown = straighten(pixels, motion, "fill" if undo.edges == "fill" else "keep", upright=upright).pixels
+    shown = straighten(pixels, motion, "fill" if undo.edges == "fill" else "keep", upright=upright)[0]
     if not draft and decision.edges == "crop":
         shown = _rim_repeated(shown, validity_mask(motion, upright), decision.window, (photo.height, photo.width))
     return shown, result

@@ -15,7 +15,7 @@ import re
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Sequence
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from unshutter.photo.directories import EXIF_PREFIX, Entry, Tree
 
@@ -62,20 +62,16 @@ _MOST = 10_000  # most chunks
 _LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
 
 
-class Chunk(NamedTuple):
-    """A chunk's name and data; ``data`` is None if they are damaged, or too long for a photo's metadata."""
-
-    name: bytes
-    data: bytes | None
-
-
 def is_safe_to_copy(name: bytes) -> bool:
     """Whether a chunk's data remain valid for other pixels, according to the case of letters in its name."""
     return bool(name[0] & _LOWER and name[3] & _LOWER)
 
 
-def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
-    """Yields all chunks of a PNG, including those after the pixels, except for names to skip."""
+def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[tuple[bytes, bytes | None]]:
+    """Yields (name, data) of all chunks of a PNG, including those after the pixels, except for names to skip.
+
+    Data that are damaged, or too long for a photo's metadata, are None.
+    """
     file.seek(SIGNATURE_BYTES)
     count = 0
     left = 1 << 27  # most data of all chunks [bytes]
@@ -87,12 +83,12 @@ def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
         count += 1
         if length > min(_LARGEST, left) or count > _MOST:
             file.seek(length + 4, 1)
-            yield Chunk(name, None)
+            yield name, None
             continue
         left -= length
         data = file.read(length)
         checksum = file.read(4)
-        yield Chunk(name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None)
+        yield name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None
 
 
 def has_data_behind(file: BinaryIO) -> bool:

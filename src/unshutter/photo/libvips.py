@@ -273,12 +273,14 @@ def computed(image: pyvips.Image) -> np.ndarray:
 
 
 def as_image(pixels: np.ndarray) -> pyvips.Image:
-    """Wraps pixels [H, W, bands] as a libvips image without copying, in the interpretation of :func:`standard`."""
-    import numpy as np
-
+    """Wraps pixels [H, W, bands] as a libvips image, without copying if it can, as :func:`standard` says."""
     height, width, bands = pixels.shape
     kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
-    return standard(libvips().Image.new_from_memory(np.ascontiguousarray(pixels), width, height, bands, kind))
+    return standard(
+        libvips().Image.new_from_memory(
+            pixels if pixels.flags.c_contiguous else pixels.copy(), width, height, bands, kind
+        )
+    )
 
 
 def with_bands(array: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ def borrow(
     if own.all():
         return None
     seen = own.copy()
-    pixels = straighten(photo.pixels, motion, "keep", photo.masked).pixels
+    pixels = straighten(photo.pixels, motion, "keep", photo.masked)[0]
     for side, theirs in neighbours.items():
         try:
             position = gs_to_rs_map(camera.as_seen_from(side, motion.reference))

@@ -185,9 +185,9 @@ def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
     check_size(photo.height, photo.width)
     if not verdict.changes:
         return Rectified(photo, photo, verdict)
-    result = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
-    rectified = photo.with_pixels(result.pixels, placement(photo, verdict, result.window))
-    return Rectified(rectified, photo, verdict, result.edges, result.area_left)
+    pixels, decision = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
+    rectified = photo.with_pixels(pixels, placement(photo, verdict, decision.window))
+    return Rectified(rectified, photo, verdict, decision.edges, decision.area_left)
 
 
 def placement(photo: Photo, verdict: Verdict, window: Tile) -> Placement:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 from unshutter import version
 from unshutter.errors import MissingFileError, UnshutterError, UsageError, shortened
 from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter.progress import in_columns
 from unshutter.single import Method
 from unshutter.storage.opened import Opened
 
@@ -185,8 +186,7 @@ def describe_methods() -> str:
         own = [scores[each.name].get(place) for place in places]
         figures = [f"{s['epe_median']:.2f} {100 * s['improved']:.0f} %" if s else "-" for s in own]
         rows.append([each.name, size, *figures])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines = [in_columns(rows)]
     if places:
         lines += ["", *_EXPLANATION]
     lines.append("")

@@ -17,7 +17,7 @@ from unshutter.errors import UnshutterError, WeightsError
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.motion.shapes import Float, Float32, Float64, UInt
-from unshutter.motion.warp import rectify_pixels
+from unshutter.motion.warp import straighten
 from unshutter.single import Method
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.own_process import answer, run_in_own_process
@@ -160,7 +160,7 @@ class Kandula2020(Estimator):
         """Returns t_x [px of 256] and r_z [rad] of every row of a square, after the second look."""
         first = self._network.motion_of(square)
         try:
-            rectified = rectify_pixels(square, RowMotion(SIZE, first[0], first[1]))
+            rectified = straighten(square, RowMotion(SIZE, first[0], first[1]))[0]
         except UnshutterError:  # it would fold
             return first
         second = self._network.motion_of(rectified)

@@ -27,7 +27,7 @@ from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.decision import NO_FRAMES, Decision, Leave, RectifyFrames, calibrate_and_decide, why_unfit
-from unshutter.video.file import mp4_inventory, mp4_writer, previews
+from unshutter.video.file import clip_inventory, mp4_inventory, mp4_writer, previews
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import Encoder
@@ -266,17 +266,20 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
         if not is_changed() and output.may_be_copy:
             shutil.copyfile(clip.path, part)
             return _Written(tally)
-        parts = writer.parts
         if output.into_copy and frames_file is not None:
             corner = (0, 0) if warper.window is None else (warper.window.left, warper.window.top)
             with part.open("r+b") as out:
                 mp4_writer.write_with_video(source.stream, source.video.id, frames_file, out, corner)
                 others = [each.id for each in source.other_films]
-                parts = [*parts, *mp4_inventory.audited(source.stream, out, source.video.id, others)]
-        elif frames_file is not None:
-            with part.open("r+b") as out:
-                mp4_writer.write_with_covers(frames_file, writer.covers, out)
-    return _Written(tally, parts=parts)
+                parts = mp4_inventory.audited(source.stream, out, source.video.id, others)
+        else:
+            if frames_file is not None:
+                with part.open("r+b") as out:
+                    mp4_writer.write_with_covers(frames_file, writer.covers, out)
+            is_part = options.start is not None or options.end is not None
+            parts = list(clip_inventory.lost(source, str(part), writer.carried, is_part))
+        parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)
+    return _Written(tally, parts=[*writer.parts, *parts])
 
 
 @contextmanager

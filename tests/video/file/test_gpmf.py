@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from support.gpmf import device, entry, nested, stream, with_samples
+from support.movie_boxes import box, rebuilt, with_moov
 from unshutter.video.file import gpmf
 
 COUNTS, STEP = (200, 201, 199, 60), 0.005
@@ -39,6 +40,30 @@ def test_samples_and_their_times(tmp_path, clock, step):
     found = gpmf.telemetry_of(with_samples(tmp_path / "a.mp4", b"gpmd", *packets(clock=clock)))
     assert np.allclose(found.rates[:, 1:], VALUES / 1000) and np.allclose(found.force[:, 1:], VALUES / 100)
     assert np.allclose(found.rates[:, 0], step * np.arange(len(VALUES)), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_edit_list_says_when_the_log_begins(tmp_path, seed):
+    """As in a clip that was cut without encoding it again: the log begins with a packet, the clip within it."""
+    draw = np.random.default_rng(seed)
+    wait, cut = (int(each) for each in draw.integers(0, 1500, 2))  # [ms], as the units of this file
+    is_wide = seed % 2
+    edits = [(wait, -1), (2000, cut), (500, 0)]
+    form = ">qqi" if is_wide else ">iii"
+    content = b"".join(struct.pack(form, *edit, 1 << 16) for edit in edits)
+    edits_box = box(b"edts", box(b"elst", bytes([is_wide, 0, 0, 0]) + struct.pack(">I", len(edits)) + content))
+    path = tmp_path / "a.mp4"
+    with_samples(path, b"gpmd", *packets())
+    whole = gpmf.telemetry_of(path)
+    data = path.read_bytes()
+    path.write_bytes(with_moov(data, lambda moov: rebuilt(moov, _with(edits_box), (b"moov",))))
+    found = gpmf.telemetry_of(path)
+    assert np.allclose(found.rates[:, 0], whole.rates[:, 0] + (wait - cut) / 1000)
+    assert np.array_equal(found.rates[:, 1:], whole.rates[:, 1:])
+
+
+def _with(edits_box):
+    return lambda path, content: edits_box + content if path[-1] == b"trak" else content
 
 
 def test_axes_are_those_of_another_reader(tmp_path):

@@ -48,7 +48,8 @@ def counted(monkeypatch, tmp_path):
 
 def test_a_plain_clip_is_opened_four_times_and_decoded_three_times(counted):
     """To be looked at, for tracks, for its motion, and to be written; the first look takes a frame of its own."""
-    outcome, opened, decoded = counted(clips.moving(FRAMES, clips.shaken(3.0))[1], RectifyClip())
+    options = RectifyClip(Shutter(focal_px=clips.FOCAL))
+    outcome, opened, decoded = counted(clips.moving(FRAMES, clips.shaken(3.0))[1], options)
     assert outcome.rectified == FRAMES and 1 < opened <= 4 and FRAMES < decoded <= 3 * FRAMES + 1
 
 

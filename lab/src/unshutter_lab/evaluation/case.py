@@ -23,7 +23,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.motion.finding import Finding
 from unshutter.motion.verdict import judge
-from unshutter.motion.warp import rectify_pixels, validity_mask
+from unshutter.motion.warp import straighten, validity_mask
 from unshutter.options import Reference, Undo
 from unshutter.photo import Photo
 from unshutter.single.candidates import LEAST_GAIN
@@ -144,7 +144,7 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """
     if not motion.is_zero:
         with suppress(UnshutterError):
-            pixels = rectify_pixels(photo.pixels, motion, masked=photo.masked)
+            pixels = straighten(photo.pixels, motion, masked=photo.masked)[0]
             return in_8_bits(photo.with_pixels(pixels)), validity_mask(motion)
     return in_8_bits(photo), np.ones((photo.height, photo.width), bool)
 

@@ -415,7 +415,8 @@ export const words = {
     const others = rectified < frames ? ", the others left unchanged" : "";
     const without = lost.length ? ` Not kept: ${lost.join(", ")}.` : "";
     const asTheyWere = kept.length ? ` Left unchanged: ${kept.join(", ")}.` : "";
-    return `${name}: saved to ${downloads}, ${rectified} of ${count(frames, "frame")} straightened${others}.${without}${asTheyWere}`;
+    const share = `${rectified} of ${count(frames, "frame")} straightened`;
+    return `${name}: saved to ${downloads}, ${share}${others}.${without}${asTheyWere}`;
   },
   clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [

@@ -60,14 +60,14 @@ class Avif(WrittenFormat):
         bands = header.bands - 2 if own.grey else header.bands
         return replace(header, height=height, width=width, bands=bands, orientation=own.orientation)
 
-    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+    def exif_blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """See Format."""
         extent = boxes.extent(file, b"Exif")
         if extent is not None:
             file.seek(extent.at)
             content = file.read(extent.length)  # four bytes with the position of the TIFF header, then EXIF
             start = 4 + int.from_bytes(content[:4], "big")
-            yield picture_format.ExifBlock(extent.at + start, content[start:])
+            yield extent.at + start, content[start:]
 
     @memory_returned()
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:

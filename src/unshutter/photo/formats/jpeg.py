@@ -93,11 +93,11 @@ class Jpeg(WrittenFormat):
                 raise
             return picture_format.decode_pixels(self, source, shrink=shrink)
 
-    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+    def exif_blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """See Format."""
         for _, content in before_the_scan(file, (APP1,)):
             if content.startswith(EXIF_PREFIX):
-                yield picture_format.ExifBlock(file.tell() - len(content), content)
+                yield file.tell() - len(content), content
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""

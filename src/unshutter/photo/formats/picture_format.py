@@ -204,8 +204,8 @@ class WrittenFormat(Format):
     masks: ClassVar[bool] = False  # whether it supports an extra channel that is not transparency
     holds: ClassVar[frozenset[str]]  # attributes of ``Metadata`` that its files can hold
 
-    def exif_blocks(self, file: BinaryIO) -> Iterable[ExifBlock]:
-        """Returns the EXIF in a file that libvips would read."""
+    def exif_blocks(self, file: BinaryIO) -> Iterable[tuple[int, bytes]]:
+        """Returns the EXIF in a file that libvips would read: the position of its marker, and its bytes."""
         return ()
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -214,7 +214,7 @@ class WrittenFormat(Format):
 
     def hidden_markers(self, file: BinaryIO) -> list[int]:
         """Returns the positions of markers to hide from libvips: those of EXIF whose directories contain loops."""
-        return [block.marker_at for block in self.exif_blocks(file) if exif.has_loop(block.blob)]
+        return [marker_at for marker_at, blob in self.exif_blocks(file) if exif.has_loop(blob)]
 
     @abstractmethod
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
@@ -246,13 +246,6 @@ _SAMPLES = {
     "char": "8-bit signed",
     "short": "16-bit signed",
 }
-
-
-class ExifBlock(NamedTuple):
-    """EXIF in a file: its bytes, and the position of the marker by which libvips recognises it."""
-
-    marker_at: int
-    blob: bytes
 
 
 def readable(format: WrittenFormat, source: Source) -> Source:

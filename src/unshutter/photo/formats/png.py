@@ -63,13 +63,13 @@ class Png(WrittenFormat):
         header = picture_format.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
-    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+    def exif_blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """See Format."""
         extent = chunks.extent_of(file, b"eXIf")
         if extent is not None:
             start, end = extent
             file.seek(start + 8)
-            yield picture_format.ExifBlock(start + 8, file.read(end - start - 12))
+            yield start + 8, file.read(end - start - 12)
 
     def hidden_markers(self, file: BinaryIO) -> list[int]:
         """See WrittenFormat. Also texts that might become huge when decompressed, as libvips does with all of them."""

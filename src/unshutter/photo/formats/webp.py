@@ -44,12 +44,12 @@ class Webp(WrittenFormat):
         coding = Coding(subsampled=not lossless, lossless=lossless)
         return picture_format.header(self, source, image, coding, metadata)
 
-    def exif_blocks(self, file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+    def exif_blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """See Format."""
         for name, at, size in _chunks(file):
             if name == b"EXIF":
                 blob = _data(file, at, size)
-                yield picture_format.ExifBlock(at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob)
+                yield at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""

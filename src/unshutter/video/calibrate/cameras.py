@@ -10,13 +10,15 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import TypeVar
 
-from unshutter.errors import UsageError, shortened
+from unshutter.errors import UsageError, shortened, similar
+from unshutter.progress import in_columns
 from unshutter.readout_time import ReadoutSource, ReadoutTime
+from unshutter.reasons import JsonObject
 
 # Tags of QuickTime and Android files that hold the names, as FFmpeg calls them.
 _MAKES = ("make", "com.apple.quicktime.make", "com.android.manufacturer")
@@ -68,6 +70,10 @@ class Profile:
     width: int  # columns of a frame [px]
     height: int  # rows of a frame [px]
 
+    def as_json(self) -> JsonObject:
+        """Returns the columns of the table by name; times in ms, sizes in px."""
+        return dict(vars(self))
+
     @property
     def camera(self) -> str:
         """Brand and model; the brand once, even if the model begins with it."""
@@ -90,10 +96,6 @@ class CameraMode(Profile):
     most_ms: float  # longest of the profiles [ms]
     profiles: int = 1  # number of profiles
     note: str = ""  # further conditions of the time
-
-    def as_json(self) -> dict[str, str | float]:
-        """Returns the columns of the table by name; times in ms, sizes in px."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
     def mode(self) -> str:
@@ -123,11 +125,7 @@ def table() -> tuple[CameraMode, ...]:
     """Returns all known modes, sorted by brand, model, lens and mode."""
     return tuple(
         CameraMode(
-            brand=line["brand"],
-            model=line["model"],
-            lens=line["lens"],
-            width=int(line["width"]),
-            height=int(line["height"]),
+            *begin_of(line),
             fps=float(line["fps"]),
             readout_ms=float(line["readout_ms"]),
             least_ms=float(line["least"]),
@@ -137,6 +135,11 @@ def table() -> tuple[CameraMode, ...]:
         )
         for line in lines_of("cameras.csv")
     )
+
+
+def begin_of(line: Mapping[str, str]) -> tuple[str, str, str, int, int]:
+    """Returns what a line of a table says of a :class:`Profile`: brand, model, lens, width and height."""
+    return line["brand"], line["model"], line["lens"], int(line["width"]), int(line["height"])
 
 
 def lines_of(table: str) -> csv.DictReader[str]:
@@ -246,12 +249,10 @@ def listed(word: str | None = None) -> list[CameraMode]:
 
 def _near_names(word: str) -> list[str]:
     """Returns the names of cameras that are spelled most like a word, at most a few."""
-    import difflib
-
     longest = max(word.split(), key=len, default="")
     modes = [mode for mode in table() if _is_named(mode.camera, longest)] or table()
     names = {_plain(name): mode.camera for mode in modes for name in (mode.model, mode.camera)}
-    return list(dict.fromkeys(names[each] for each in difflib.get_close_matches(_plain(word), names, 3, 0.7)))
+    return list(dict.fromkeys(names[each] for each in similar(_plain(word), names, 3)))
 
 
 def describe_cameras(modes: Iterable[CameraMode]) -> str:
@@ -265,18 +266,12 @@ def describe_cameras(modes: Iterable[CameraMode]) -> str:
         most = max(mode.most_ms for mode in of_one)
         time = f"{least:.1f} ms" if least == most else f"{least:.1f} to {most:.1f} ms"
         rows.append((of_one[0].camera, f"{len(of_one)} mode{'s' if len(of_one) > 1 else ''}", time))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    return in_columns(rows)
 
 
 def describe_modes(modes: Iterable[CameraMode]) -> str:
     """Formats the modes, one per line."""
-    rows = [(mode.name, mode.mode, mode.time, mode.note) for mode in modes]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        f"{name.ljust(widths[0])}  {mode.ljust(widths[1])}  {time.rjust(widths[2])}  {note}".rstrip()
-        for name, mode, time, note in rows
-    )
+    return in_columns([(mode.name, mode.mode, mode.time, mode.note) for mode in modes], right=2)
 
 
 def tagged(profiles: Iterable[ProfileT], make: str, model: str) -> list[ProfileT]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -29,6 +29,8 @@ from unshutter.motion.lens import Lens
 from unshutter.motion.robust import student_log_likelihoods, student_weights
 from unshutter.motion.shapes import Float64
 from unshutter.options import USUAL_FOCAL
+from unshutter.progress import in_columns
+from unshutter.reasons import JsonObject
 from unshutter.storage.files import read_text
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
@@ -370,9 +372,9 @@ class LensProfile(cameras.Profile):
         corner = float(np.hypot(self.width, self.height)) / 2 / self.width / self.focal
         return 2 * float(np.degrees(Lens(1.0, self.k).angle(corner)))
 
-    def as_json(self) -> dict[str, object]:
+    def as_json(self) -> JsonObject:
         """Returns the columns of the table by name, and the field of view from corner to corner [degrees]."""
-        return {**{each.name: getattr(self, each.name) for each in fields(self)}, "degrees": round(self.degrees, 1)}
+        return super().as_json() | {"degrees": round(self.degrees, 1)}
 
 
 @cache
@@ -380,11 +382,7 @@ def table() -> tuple[LensProfile, ...]:
     """Returns all known lenses, sorted by brand, model, lens and mode."""
     return tuple(
         LensProfile(
-            brand=line["brand"],
-            model=line["model"],
-            lens=line["lens"],
-            width=int(line["width"]),
-            height=int(line["height"]),
+            *cameras.begin_of(line),
             focal=float(line["focal"]),
             axis=(float(line["axis_x"]), float(line["axis_y"])),
             k=tuple(float(line[name]) for name in ("k1", "k2", "k3", "k4")),
@@ -436,5 +434,4 @@ def listed(word: str) -> list[LensProfile]:
 def describe_lenses(lenses: Sequence[LensProfile]) -> str:
     """Formats lenses, one per line."""
     rows = [(each.name, f"{each.width}x{each.height} px", f"{each.degrees:.0f} degrees") for each in lenses]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(f"{name:{widths[0]}}  {size:{widths[1]}}  {view:>{widths[2]}}" for name, size, view in rows)
+    return in_columns(rows, right=2)

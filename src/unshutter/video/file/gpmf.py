@@ -73,12 +73,13 @@ def _level(data: bytes) -> Iterator[Entry]:
 
 
 def packets(movie: Movie) -> Iterator[tuple[Chunk, bytes]]:
-    """Yields the packets of a file's GPMF tracks, with their place and time."""
+    """Yields the packets of a file's GPMF tracks, with their place and time: the file's, as its edit lists say."""
     for track in movie.tracks:
         if track.sample_kind == b"gpmd":
+            begin_s = track.begin_s(movie.timescale)
             for packet in track.packets()[:100_000]:
-                movie.stream.seek(packet.start)
-                yield packet, movie.stream.read(min(packet.size, 1 << 22))
+                shown = packet._replace(at_s=packet.at_s + begin_s)
+                yield shown, movie.read_at(packet.start, min(packet.size, 1 << 22))
 
 
 def settings(movie: Movie) -> dict[bytes, bytes]:

@@ -24,6 +24,7 @@ from unshutter.video.file.mp4 import FULL, STBL, VISUAL, Track, box, offsets_box
 _SIZE_AT = 24  # of width and height in a visual sample entry
 _REWRITTEN = (b"tkhd", b"edts", b"tapt", b"mdia")  # boxes of the film's track
 _LONGEST = 0xFFFFFFFF >> 1  # time units of an edit with 32 bits
+DOLBY_VISION = Part("Dolby Vision", Fate.LEFT_OUT, "it describes the old frames")
 _LAYERS = (b"lhvC", b"mvcC")  # boxes of a sample entry: the coding of a layer for the other eye
 # what becomes of boxes of a sample entry that say how the samples are coded; any other is carried
 _CODING = {
@@ -36,7 +37,7 @@ _CODING = {
     ),
     **dict.fromkeys(
         (b"dvcC", b"dvvC", b"dvwC", b"hvcE", b"avcE"),
-        Part("Dolby Vision", Fate.LEFT_OUT, "it describes the old frames"),
+        DOLBY_VISION,
     ),
     **dict.fromkeys(_LAYERS, Part("the other eye's view", Fate.LEFT_OUT, "the encoder writes one view")),
 }
@@ -133,12 +134,17 @@ def _part_of(name: bytes, film: Track) -> Part:
     return _CODING.get(name, Part(f"description {words(name)} of the film", Fate.CARRIED))
 
 
+def carried(film: Track) -> list[bytes]:
+    """Returns the types of the boxes of the film's sample entry that do not depend on its coding."""
+    return [name for name, _ in film.descriptions if _part_of(name, film).fate is Fate.CARRIED]
+
+
 def kept(film: Track) -> set[bytes]:
     """Returns the boxes of the film's track that are kept whatever its samples."""
     levels = (((), _REWRITTEN), ((b"mdia",), (b"mdhd", b"minf")), ((b"mdia", b"minf"), (b"stbl",)))
     found = {box(*each) for path, but in levels for each in inside(film.part(*path)) if each[0] not in but}
-    described = (each for each in film.descriptions if each[0] not in _REMADE)
-    return found | {box(*each) for each in described if _part_of(each[0], film).fate is Fate.CARRIED}
+    descriptions = set(carried(film)) - set(_REMADE)
+    return found | {box(*each) for each in film.descriptions if each[0] in descriptions}
 
 
 def words(name: bytes) -> str:

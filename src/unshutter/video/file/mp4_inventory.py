@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from hashlib import blake2b
 from typing import BinaryIO, NamedTuple, TypeAlias
 
@@ -24,6 +25,7 @@ from unshutter.video.file.mp4_film import words
 
 Range: TypeAlias = tuple[int, int]  # positions of the first byte and of that behind the last
 _SIGNATURE = bytes.fromhex("d8fec3d61b0e483c92975828877ec481")  # C2PA's content credentials
+CREDENTIALS = Part("content credentials", Fate.LEFT_OUT, "they sign the old frames")
 _SIGNATURES = (b"c2pa", b"jumb", b"jumd")
 LONGEST_TABLE = 1 << 20  # bytes
 _BLOCK = 1 << 20  # bytes read at a time
@@ -83,13 +85,24 @@ def loose(movie: Movie) -> list[Range]:
     return [piece for pieces in without([*boxes, behind], covered) for piece in pieces]
 
 
+def is_signature(name: bytes, content: bytes) -> bool:
+    """Whether a box, of which the first bytes suffice, signs the file as it was."""
+    return name in _SIGNATURES or (name == b"uuid" and content.startswith(_SIGNATURE))
+
+
 def signatures(movie: Movie) -> list[TopBox]:
     """Returns the boxes that sign the file as it was."""
-    return [
-        each
-        for each in movie.boxes
-        if each.name in _SIGNATURES or (each.name == b"uuid" and movie.read_at(each.start, 16) == _SIGNATURE)
-    ]
+    return [each for each in movie.boxes if is_signature(each.name, movie.read_at(each.start, len(_SIGNATURE)))]
+
+
+def behind_and_between(movie: Movie) -> Iterator[tuple[str, list[Range]]]:
+    """Yields where there are data that are in no box, or in no sample, with a name."""
+    samples = [each for each in movie.boxes if each.name == b"mdat"]
+    ranges = loose(movie)
+    between = [each for each in ranges if any(holder.start <= each[0] < holder.end for holder in samples)]
+    behind = movie.boxes[-1].end
+    yield "data between samples", between
+    yield "data behind the last box", [each for each in ranges if each[0] >= behind]
 
 
 class PlaceTable(NamedTuple):
@@ -163,15 +176,12 @@ def parts(movie: Movie, film: Track, other_films: Collection[int] = ()) -> Itera
     for each in movie.boxes:
         size = each.end - each.head
         if each in signed:
-            yield Part("content credentials", Fate.LEFT_OUT, "they sign the old frames", size)
+            yield replace(CREDENTIALS, size=size)
         elif each.name not in (b"moov", b"mdat"):
             yield Part(f"box {words(each.name)}", Fate.CARRIED, size=size)
-    holders = [each for each in movie.boxes if each.name == b"mdat"]
-    between = sum(end - start for start, end in ranges if any(each.start <= start < each.end for each in holders))
-    behind = movie.length - movie.boxes[-1].end
-    for name, size in (("data between samples", between), ("data behind the last box", behind)):
-        if size:
-            yield Part(name, Fate.CARRIED, size=size)
+    for name, held in behind_and_between(movie):
+        if held:
+            yield Part(name, Fate.CARRIED, size=sum(end - start for start, end in held))
 
 
 # ---- the audit ------------------------------------------------------------------------------------------------------

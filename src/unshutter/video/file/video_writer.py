@@ -45,6 +45,7 @@ class VideoWriter:
     Attributes:
         waiting: packets, in order, that are written before the next later frame. They may be added by another thread.
         parts: what becomes of the clip's streams, and of what else the video cannot hold.
+        carried: streams of the clip that the video has.
         covers: cover pictures that are not written with the video.
 
     Args:
@@ -77,6 +78,7 @@ class VideoWriter:
         self._streams: dict[int, Any] = {}
         self.waiting: deque[Packet] = deque()
         self.parts: list[Part] = []
+        self.carried: list[Any] = []
         self.covers: list[bytes] = []
         self._clip = clip
         self._part = part
@@ -85,7 +87,7 @@ class VideoWriter:
             self._stream.disposition = like.disposition
         if ending is not None:
             container.metadata.update(self._tags(source.container.metadata))
-            self._add_others(source, clip, encoder, ending)
+            self._add_others(source, encoder, ending)
             if chapters := self._chapters(source):
                 container.set_chapters(chapters)
         self._shift = start_s
@@ -102,39 +104,45 @@ class VideoWriter:
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
-    def _add_others(self, source: VideoFile, clip: ClipFacts, encoder: Encoder, ending: str) -> None:
-        def trials(stream: Any, packet: bytes | None) -> Iterator[tuple[Callable[[Any], Callable[[], None]], ...]]:
-            copy = partial(_first_packet, path=source.path, stream=stream, data=packet)
-            yield (copy,)
-            if stream.type != "video":  # MXF takes others only next to frames
-                yield partial(_frame, clip=clip, encoder=encoder), copy
-
+    def _add_others(self, source: VideoFile, encoder: Encoder, ending: str) -> None:
+        """Adds the clip's other streams, as far as the new video can hold them."""
+        films = source.other_films
         for stream in source.container.streams:
-            if stream.index == source.video.index:
+            fate = None if stream.index == source.video.index else self._add_stream(source, stream, encoder, ending)
+            if fate is None:
                 continue
-            fate = Fate.CARRIED
-            packet = clip.first_packets.get(stream.index)
-            tags = stream.metadata
-            if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
-                continue  # the titles of the chapters, which the container writes again
-            cover = packet if stream.disposition & COVER else None
-            if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
-                fate = Fate.TRANSFORMED  # the container makes its own track from it
-                self._stream.metadata["timecode"] = self._tags(tags)["timecode"]
-            elif cover is not None and ending in _MP4:
-                self.covers.append(cover)
-            elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
-                kind = "image/png" if cover is not None and stream.codec_context.name == "png" else "image/jpeg"
-                name = tags.get("filename") or f"cover.{kind[-3:]}"
-                kind = tags.get("mimetype") or kind
-                self._container.add_attachment(name, kind, stream.data if cover is None else cover)
-            elif any(_takes(ending, stream.type, *each) for each in trials(stream, packet)):
-                self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
-                copy.metadata.update(self._tags(tags))
-            else:
-                fate = Fate.LEFT_OUT
-            reason = ONE_FILM if fate is Fate.CARRIED and stream in source.other_films else ""
+            if fate is Fate.CARRIED:
+                self.carried.append(stream)
+            reason = ONE_FILM if fate is Fate.CARRIED and stream in films else ""
             self.parts.append(Part(f"stream {stream.index} ({_name(stream)})", fate, reason))
+
+    def _add_stream(self, source: VideoFile, stream: Any, encoder: Encoder, ending: str) -> Fate | None:
+        """Adds a stream; returns what becomes of it, None for the titles of chapters, which the container writes."""
+        packet = self._clip.first_packets.get(stream.index)
+        tags = stream.metadata
+        if stream.type == "data" and packet is None and source.container.chapters() and "timecode" not in tags:
+            return None
+        cover = packet if stream.disposition & COVER else None
+        if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
+            self._stream.metadata["timecode"] = self._tags(tags)["timecode"]  # the container makes its own track
+            return Fate.TRANSFORMED
+        if cover is not None and ending in _MP4:
+            self.covers.append(cover)
+        elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
+            kind = "image/png" if cover is not None and stream.codec_context.name == "png" else "image/jpeg"
+            name = tags.get("filename") or f"cover.{kind[-3:]}"
+            kind = tags.get("mimetype") or kind
+            self._container.add_attachment(name, kind, stream.data if cover is None else cover)
+        else:
+            alone = partial(_first_packet, path=source.path, stream=stream, data=packet)
+            trials: list[tuple[Callable[[Any], Callable[[], None]], ...]] = [(alone,)]
+            if stream.type != "video":  # MXF takes others only next to frames
+                trials.append((partial(_frame, clip=self._clip, encoder=encoder), alone))
+            if not any(_takes(ending, stream.type, *each) for each in trials):
+                return Fate.LEFT_OUT
+            self._streams[stream.index] = copy = _add_copy(self._container, source.path, stream)
+            copy.metadata.update(self._tags(tags))
+        return Fate.CARRIED
 
     def _tags(self, tags: Any) -> dict[str, str]:
         """Returns tags as a new file has them: with the timecode of the part's first frame."""

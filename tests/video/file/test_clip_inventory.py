@@ -1,0 +1,70 @@
+"""What FFmpeg passes over in a clip's file is named."""
+
+import struct
+
+import av
+import pytest
+
+from support import clips
+from support.movie_boxes import box, chunk_places, with_entry_boxes, with_gaps, with_moov
+from unshutter.cli import main
+from unshutter.inventory import left_out
+from unshutter.video.file.clip_inventory import lost_of_frames
+
+GREYS = clips.moving(24)[1]
+CREDENTIALS = box(b"uuid", bytes.fromhex("d8fec3d61b0e483c92975828877ec481") + bytes(40))
+CLAP = box(b"clap", struct.pack(">8I", 180, 1, 120, 1, 0, 1, 0, 1))
+
+
+def not_kept(capsys, source, target, *flags):
+    assert main(["video", str(source), "-o", str(target), *clips.KNOWN, *flags]) == 0
+    assert source.read_bytes() != target.read_bytes()  # it was straightened
+    lines = [line for line in capsys.readouterr().err.splitlines() if "not kept" in line]
+    return lines[0].partition("not kept: ")[2] if lines else ""
+
+
+@pytest.mark.parametrize(("ending", "flags"), [(".mkv", ()), (".mp4", ("--end", "0.4"))])
+def test_boxes_of_mp4(tmp_path, capsys, ending, flags):
+    made = clips.write(tmp_path / "made.mp4", GREYS, sound=True, tags={"title": "Walk", "OWN_TAG": "of its owner"})
+    data = made.read_bytes()
+    assert not_kept(capsys, made, tmp_path / f"as{ending}", *flags) == ""
+    data = with_entry_boxes(data, CLAP)
+    data = with_moov(data, lambda moov: moov + box(b"udta", box(b"CAMS", b"of a camera")) + box(b"Xtra", b"1234"))
+    data, _ = with_gaps(data, {chunk_places(data)[2]: b"between"})
+    path = tmp_path / "in.mp4"
+    path.write_bytes(data + box(b"free", b"$GPRMC") + box(b"free", bytes(99)) + CREDENTIALS + b"\x7f\xff\xff\xffbehind")
+    said = not_kept(capsys, path, tmp_path / f"out{ending}", *flags)
+    assert "content credentials (they sign the old frames)" in said
+    assert "boxes 'CAMS', 'Xtra', 'clap', 'free'" in said
+    assert "data between samples" in said and "data behind the last box" in said
+
+
+def test_chunks_of_avi(tmp_path, capsys):
+    made = clips.write(tmp_path / "made.avi", GREYS, "ffv1", tags={"title": "Walk"})
+    assert not_kept(capsys, made, tmp_path / "made.out.avi") == ""
+    data = made.read_bytes()
+    camera = struct.pack("<4sI", b"ncdt", 8) + b"of Nikon"
+    data += struct.pack("<4sI4s", b"LIST", len(camera) + 4, b"ncdt") + camera
+    path = tmp_path / "in.avi"
+    path.write_bytes(data[:4] + struct.pack("<I", len(data) - 8) + data[8:])
+    assert not_kept(capsys, path, tmp_path / "out.avi") == "chunks 'ncdt'"
+
+
+def test_tags_and_chapters(tmp_path, capsys):
+    chapters = [{"id": 0, "start": 0, "end": 200, "time_base": clips.Fraction(1, 1000), "metadata": {"title": "One"}}]
+    more = {"tags": {"title": "Walk", "OWN_TAG": "of its owner"}, "chapters": chapters}
+    made = clips.write(tmp_path / "made.mkv", GREYS, **more)
+    assert not_kept(capsys, made, tmp_path / "out.mkv") == ""
+    said = not_kept(capsys, made, tmp_path / "out.avi", "--codec", "mjpeg")
+    assert "chapters" in said and "OWN_TAG" in said and "title" not in said
+    with av.open(str(tmp_path / "out.avi")) as video:
+        assert "Walk" in video.metadata.values()
+
+
+def test_what_is_in_the_frames():
+    before = {"A53_CC": b"1", "SEI_UNREGISTERED": b"of a camera", "FILM_GRAIN_PARAMS": b"", "DISPLAYMATRIX": b""}
+    parts = list(lost_of_frames(before, {"DISPLAYMATRIX": b""}))
+    assert left_out(parts) == ["closed captions in the frames", "data of the camera in the frames"]
+    x264 = bytes.fromhex("dc45e9bde6d948b7962cd820d923eeef") + b"x264"
+    assert list(lost_of_frames({"SEI_UNREGISTERED": x264}, {})) == []
+    assert left_out(lost_of_frames({"DOVI_METADATA": b""}, {})) == ["Dolby Vision (it describes the old frames)"]
