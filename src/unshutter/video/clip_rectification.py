@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -184,10 +184,12 @@ class _Output:
         kind = target.suffix.lower()
         alike = options.start is None and options.end is None and kind == Path(clip.path).suffix.lower()
         into_copy = alike and kind in _MP4 and clip.can_take_video
-        if into_copy and kind != ".mov":
-            kind = ".mp4"
+        encoder = Encoder.choose(clip, options.encode)
         simple = alike and options.may_be_copy
-        return cls(clip, target, fitted(Encoder.choose(clip, options.encode), clip, kind), into_copy, kind, simple)
+        if into_copy and kind != ".mov":
+            with suppress(UnshutterError):  # MP4 takes most codecs; H.263 needs a file of the clip's own kind
+                return cls(clip, target, fitted(encoder, clip, ".mp4"), into_copy, ".mp4", simple)
+        return cls(clip, target, fitted(encoder, clip, kind), into_copy, kind, simple)
 
 
 @dataclass(frozen=True)

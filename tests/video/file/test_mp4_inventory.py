@@ -14,13 +14,16 @@ from support.movie_boxes import (
     boxes,
     chunk_places,
     content_of,
+    rebuilt,
     with_box_behind,
     with_entry_boxes,
     with_gaps,
     with_moov,
 )
+from unshutter.cli import main
 from unshutter.inventory import Fate, left_out
 from unshutter.video.file import mp4_inventory
+from unshutter.video.file.clip_facts import read_clip_facts
 from unshutter.video.file.mp4 import Movie
 from unshutter.video.file.mp4_writer import can_take, write_with_video
 
@@ -177,3 +180,50 @@ def test_what_describes_the_old_coding_is_named(films, extra, words):
     result, parts = replaced(with_entry_boxes(films[0], extra), films[2])
     assert left_out(parts) == [words]
     assert extra not in result and VEXU not in result
+
+
+# ---- edit lists -----------------------------------------------------------------------------------------------------
+
+
+def with_edits(data, edits):
+    """The file whose film shows only some parts of itself: (length [ms], first time in the film [ticks] or -1)."""
+    content = struct.pack(">II", 0, len(edits)) + b"".join(struct.pack(">iii", *edit, 1 << 16) for edit in edits)
+    listed = box(b"edts", box(b"elst", content))
+
+    def change(path, content):
+        if path[-1] != b"trak" or b"vide" not in content:
+            return content
+        rest = [(name, inner) for name, _, inner in boxes(content) if name != b"edts"]
+        return b"".join(box(*each) + listed * (each[0] == b"tkhd") for each in rest)
+
+    return with_moov(data, lambda moov: rebuilt(moov, change, (b"moov",)))
+
+
+def shown(path):
+    """When each frame is shown that is not hidden [s]."""
+    return [round(frame.time, 3) for frame in read_clip_facts(str(path)).frames_between()]
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(thorough(seed) for seed in range(2, 12))])
+def test_random_edit_lists_leave_frames_at_their_times(tmp_path, capsys, seed):
+    draw = random.Random(seed)
+    options = {"g": "5", "bf": str(seed % 3)}
+    whole = clips.write(tmp_path / "whole.mp4", clips.moving(30)[1], options=options, sound=True)
+    ticks = 15_360 // 30  # of a frame
+    first = draw.randrange(0, 6)
+    edits = [(draw.randrange(1, 900), -1)] * draw.randrange(2)
+    edits.append(((30 - first) * 1000 // 30, first * ticks + 1024 * (seed % 3 > 0)))
+    source = tmp_path / "in.mp4"
+    source.write_bytes(with_edits(whole.read_bytes(), edits))
+    assert main(["video", str(source), "-o", str(tmp_path / "out.mp4"), *clips.KNOWN]) == 0
+    assert "not kept" not in capsys.readouterr().err
+    assert source.read_bytes() != (tmp_path / "out.mp4").read_bytes()
+    assert shown(tmp_path / "out.mp4") == pytest.approx(shown(source), abs=0.002)
+    assert streams((tmp_path / "out.mp4").read_bytes())[1] == streams(source.read_bytes())[1]
+
+
+def test_the_speed_of_an_edit_is_named(films):
+    edit = struct.pack(">iii", 500, 0, 1 << 16)
+    data = with_edits(films[0], [(500, 0)]).replace(edit, struct.pack(">iii", 500, 0, 1 << 15))
+    _, parts = replaced(data, films[2])
+    assert left_out(parts) == ["speed of the film's edits (it plays as fast as it was recorded)"]

@@ -152,6 +152,23 @@ def test_a_codec_that_the_video_cannot_hold(tmp_path, capsys, codec, ending):
     assert left_behind(tmp_path) == []
 
 
+def test_h263_in_3gp(tmp_path, capsys):
+    """MP4 does not take it."""
+    greys = [np.pad(grey, ((0, 0), (0, 160)), mode="edge")[:, :352] for grey in clips.moving(24)[1]]
+    greys = [np.pad(grey, ((0, 288 - len(grey)), (0, 0)), mode="edge") for grey in greys]
+    source = clips.write(tmp_path / "in.3gp", greys, "h263", options={"b": "2000000"})
+    assert not written(capsys, source, tmp_path / "out.3gp")
+    assert clips.facts(tmp_path / "out.3gp")["streams"][0]["codec"] == "h263"
+    assert source.read_bytes() != (tmp_path / "out.3gp").read_bytes()
+
+
+def test_transparency_of_vp9_is_named(tmp_path, capsys):
+    source = clips.write(tmp_path / "in.webm", GREYS, "libvpx-vp9", "yuva420p", options={"b": "2000000"})
+    assert clips.facts(source)["streams"][0]["tags"]["alpha_mode"] == "1"
+    assert "transparency" in written(capsys, source, tmp_path / "out.mkv")[0]
+    assert "alpha_mode" not in clips.facts(tmp_path / "out.mkv")["streams"][0]["tags"]
+
+
 def test_dnxhr(tmp_path, capsys):
     greys = [np.pad(grey, ((0, 0), (0, 64)), mode="edge") for grey in GREYS]
     source = clips.write(tmp_path / "in.mov", greys, "dnxhd", "yuv422p", options={"profile": "dnxhr_hq"})

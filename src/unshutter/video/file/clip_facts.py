@@ -177,6 +177,7 @@ def read_clip_facts(
             step = max(1, round(interval_s / float(video.time_base)))
             begin = 0 if times.first is None else times.first - times.untimed * step
             data_tracks = tuple(each.metadata.get("handler_name", "").strip() for each in container.streams.data)
+            is_whole = movie is not None and mp4_writer.can_take(movie, video.id)  # all samples are in the file
             return ClipFacts(
                 path=place,
                 pixels=pixels,
@@ -195,12 +196,12 @@ def read_clip_facts(
                 has_covers=any(each.disposition & COVER for each in container.streams.video),
                 first_packets=begun.first,
                 data_tracks=data_tracks,
-                can_take_video=movie is not None and mp4_writer.can_take(movie, video.id),
+                can_take_video=is_whole,
                 may_have_log=ends_with_log or bool(data_tracks),
                 # s within which files without an index have a key frame
                 lead_s=math.inf if times.first is None else 10.0 if kind in _NO_TABLES else 0.0,
                 expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),
-                extent=None if begun.reaches_end else begun.extent,
+                extent=None if begun.reaches_end or is_whole else begun.extent,
                 timing=FrameTiming(begin, step, begun.delay if kind == "avi" else None),
                 says_interlaced=context.field_order not in (0, 1),
             )

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 ONE_FILM = "only one film of a file is straightened"
+ALPHA_MODE = "alpha_mode"  # tag of Matroska, in any case: whether packets have a second picture, of the transparency
 COVER = 0x400  # FFmpeg's disposition of attached pictures: cover art
 # FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
 # open any file on this machine, or fetch one.

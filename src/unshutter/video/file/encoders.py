@@ -48,6 +48,7 @@ _CODECS = {
     "mjpeg": Codec(qscale=2),
     "mpeg4": Codec(qscale=2, by_rate=True, has_coarse_times=True),
     "mpeg2video": Codec(qscale=2, by_rate=True, has_times=False),
+    "h263": Codec(qscale=2, by_rate=True, has_coarse_times=True),
     "mpeg1video": Codec(has_times=False),
     **dict.fromkeys(("msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"), Codec(has_coarse_times=True)),
 }

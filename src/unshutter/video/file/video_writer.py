@@ -20,7 +20,7 @@ from unshutter.inventory import Fate, Part
 from unshutter.options.clip_options import Encode
 from unshutter.progress import ClipObserver
 from unshutter.video.file.clip_facts import ClipFacts
-from unshutter.video.file.containers import COVER, ONE_FILM, VideoFile, opened, time_of
+from unshutter.video.file.containers import ALPHA_MODE, COVER, ONE_FILM, VideoFile, opened, time_of
 from unshutter.video.file.encoders import REDUCED, Encoder, others_for
 from unshutter.video.file.part_times import chapters_of_part, timecode_after
 from unshutter.video.file.stages import Stage, Work
@@ -95,6 +95,8 @@ class VideoWriter:
         self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
         if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
             self.parts.append(Part("the last 2 of 12 bits of each colour", Fate.LEFT_OUT, f"{encoder.name} writes 10"))
+        if any(name.lower() == ALPHA_MODE and value != "0" for name, value in like.metadata.items()):
+            self.parts.append(Part("transparency", Fate.LEFT_OUT, "FFmpeg does not decode that of VP8 and VP9"))
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
         self._bytes = 0
         self._packets = 0
