@@ -7,8 +7,9 @@ import pytest
 
 from support.camera_files import heic
 from support.drawn_photos import drawn, encoded
+from unshutter.inventory import left_out
 from unshutter.photo import Photo
-from unshutter.photo.boxes import extras_in_words
+from unshutter.photo.boxes import parts_of
 
 GAIN_MAP = "urn:com:apple:photo:2020:aux:hdrgainmap"
 XMP_TYPE = b"application/rdf+xml"
@@ -38,6 +39,11 @@ def file_of(items: list[bytes], references: list[bytes], auxiliary: dict[int, st
     return io.BytesIO(box(b"ftyp", b"heic") + box(b"meta", bytes(4) + meta) + box(b"mdat", b"") + behind)
 
 
+def named(file: io.BytesIO) -> tuple[str, ...]:
+    """Names of what no result contains."""
+    return tuple(left_out(found.part((), ()) for found in parts_of(file)))
+
+
 @pytest.mark.parametrize(
     ("told", "names"),
     [
@@ -53,7 +59,7 @@ def file_of(items: list[bytes], references: list[bytes], auxiliary: dict[int, st
     ],
 )
 def test_auxiliary_pictures_have_names(told: str, names: tuple[str, ...]) -> None:
-    assert extras_in_words(file_of([item(2, b"hvc1")], [reference(b"auxl", 2, 1)], {2: told})) == names
+    assert named(file_of([item(2, b"hvc1")], [reference(b"auxl", 2, 1)], {2: told})) == names
 
 
 def test_tiles_thumbnails_and_what_describes_other_items_have_none() -> None:
@@ -61,19 +67,21 @@ def test_tiles_thumbnails_and_what_describes_other_items_have_none() -> None:
     items += [item(7, b"mime", XMP_TYPE), item(8, b"mime", XMP_TYPE)]
     references = [reference(b"dimg", 1, 2, 3), reference(b"thmb", 4, 1), reference(b"dimg", 4, 6)]
     references += [reference(b"cdsc", 5, 1), reference(b"cdsc", 7, 1), reference(b"cdsc", 8, 4)]
-    assert extras_in_words(file_of(items, references, {})) == ()
+    assert named(file_of(items, references, {})) == ()
 
 
 def test_other_items_and_boxes_have_names() -> None:
     items = [item(2, b"hvc1"), item(3, b"tmap"), item(4, b"hvc1"), item(5, b"mime", XMP_TYPE)]
     items += [item(6, b"mime", XMP_TYPE), item(7, b"mime", b"text/x-own"), item(8, b"iptc"), item(9, b"hvc1")]
+    items += [item(10, b"rgan")]
     references = [reference(b"dimg", 3, 1, 4), reference(b"cdsc", 5, 1), reference(b"cdsc", 6, 1)]
-    names = extras_in_words(file_of(items, references, {}, box(b"mpvd", b"film") + box(b"sefd", b"own")))
+    names = named(file_of(items, references, {}, box(b"mpvd", b"film") + box(b"sefd", b"own")))
     assert names == (
         "further pictures",
         "gain map",
         "other data",
         "IPTC",
+        "regions",
         "film",
     )
 
@@ -81,8 +89,8 @@ def test_other_items_and_boxes_have_names() -> None:
 def test_boxes_that_end_too_early_have_none() -> None:
     whole = file_of([item(2, b"hvc1")], [reference(b"auxl", 2, 1)], {2: GAIN_MAP}).getvalue()
     for length in range(len(whole)):
-        extras_in_words(io.BytesIO(whole[:length]))
-    assert extras_in_words(io.BytesIO(b"")) == ()
+        named(io.BytesIO(whole[:length]))
+    assert named(io.BytesIO(b"")) == ()
 
 
 def test_photos_name_them() -> None:
@@ -97,4 +105,4 @@ def test_photos_name_them() -> None:
 
 def test_a_box_that_claims_more_bytes_than_can_be_counted_is_the_last() -> None:
     endless = struct.pack(">I4sQ", 1, b"free", 2**64 - 1)
-    assert extras_in_words(io.BytesIO(file_of([], [], {}).getvalue() + endless)) == ()
+    assert named(io.BytesIO(file_of([], [], {}).getvalue() + endless)) == ()

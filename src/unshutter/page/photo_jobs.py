@@ -76,6 +76,7 @@ def save(open_file: OpenFile, target: Path, unchanged: Path | None, options: Pho
         outcome = rectify_photo(Job(open_file.path, tuple(targets)), Work(asked, finding, open_file.max_pixels))
     report = outcome.verdict.as_json() if outcome.verdict else {}
     report |= {"result": outcome.picture.name} if outcome.picture is not None else {}
+    report |= {"left_out": outcome.left_out} if outcome.left_out else {}
     return {**report, "note": outcome.note} if outcome.note else report
 
 

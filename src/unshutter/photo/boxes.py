@@ -17,9 +17,10 @@ from itertools import islice
 from typing import BinaryIO, NamedTuple
 
 from unshutter.errors import UnshutterError
+from unshutter.inventory import Fate
 from unshutter.orientation import Orientation
-from unshutter.photo.chunks import OTHER
 from unshutter.photo.libvips import Source
+from unshutter.photo.parts import OTHER, PICTURES, Found, of_coding, purpose
 
 _HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a 64-bit size
 _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
@@ -82,12 +83,12 @@ def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
     return _HEAD, size or left, name
 
 
-def inspect_boxes(source: Source) -> tuple[BoxCoding, tuple[str, ...]]:
-    """Returns the coding of the primary picture, and names of additional content; rejects sequences of pictures."""
+def inspect_boxes(source: Source) -> tuple[BoxCoding, tuple[Found, ...]]:
+    """Returns the coding of the primary picture, and the parts of the file; rejects sequences of pictures."""
     with source.stream() as stream:
         if _ANIMATION.match(stream.read(12)):
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
-        return read_coding(stream), extras_in_words(stream)
+        return read_coding(stream), parts_of(stream)
 
 
 # ---- properties of the primary picture -----------------------------------------------------------------
@@ -170,62 +171,64 @@ def _associations(ipma: bytes, item: int) -> list[int]:
 # ---- items ---------------------------------------------------------------------------------------------
 
 _MOST_ITEMS = 10_000
-_METADATA = (b"Exif", b"mime", b"uri ", b"iptc", b"tmap")  # kinds of items that are not pictures
 _XMP = b"application/rdf+xml"
-# names of auxiliary pictures by the endings of their types; transparency is kept
-_AUXILIARY = {
-    ":auxid:1": "",
-    ":auxiliary:alpha": "",
-    ":auxid:2": "depth map",
-    ":auxiliary:depth": "depth map",
-    "gainmap": "gain map",
-    "matte": "mattes",
-}
+_OTHER_ITEMS = {b"tmap": "gain map", b"iptc": "IPTC", b"rgan": "regions", b"uri ": OTHER, b"mime": OTHER}
 _VIDEOS = (b"moov", b"mpvd")
 _STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
+_CREDENTIALS = bytes.fromhex("d8fec3d61b0e483c92975828877ec481")  # identifier of a box (C2PA)
 
 
-def extras_in_words(file: BinaryIO) -> tuple[str, ...]:
-    """Names additional content of the file; empty if the file is damaged."""
+def parts_of(file: BinaryIO) -> tuple[Found, ...]:
+    """Lists the items and boxes of a file; none if it is damaged."""
     try:
         meta = in_meta(file)
-        names = [*_of_auxiliaries(meta), *_of_items(meta)]
+        found = [*_auxiliaries(meta), *_items(meta)]
     except (KeyError, IndexError, struct.error):
         return ()
-    boxes = [name for name, _, _ in top_level_extents(file)]
-    names += ["film"] * any(name in _VIDEOS for name in boxes)
-    names += [OTHER] * any(name not in _VIDEOS and name not in _STRUCTURE for name in boxes)
-    return tuple(name for name in dict.fromkeys(names) if name)
+    for name, start, end in top_level_extents(file):
+        if name in _STRUCTURE:
+            found.append(of_coding("structure", end - start))
+            continue
+        file.seek(start)
+        is_signature = name == b"uuid" and file.read(16) == _CREDENTIALS
+        words = "film" if name in _VIDEOS else "content credentials" if is_signature else OTHER
+        found.append(Found(words, end - start))
+    return tuple(found)
 
 
-def _of_auxiliaries(meta: dict[bytes, bytes]) -> Iterator[str]:
-    """Yields a name for each type of auxiliary picture (property auxC)."""
+def _auxiliaries(meta: dict[bytes, bytes]) -> Iterator[Found]:
+    """Yields a part for each type of auxiliary picture (property auxC)."""
     properties = dict(inside(meta[b"iprp"]))[b"ipco"]
     for name, data in inside(properties):
         if name == b"auxC":
-            kind = data[4:].partition(b"\0")[0].decode(errors="replace").lower()
-            yield next((words for ending, words in _AUXILIARY.items() if kind.endswith(ending)), OTHER)
+            words = purpose(data[4:].partition(b"\0")[0])
+            yield of_coding("transparency") if words == "" else Found(words or OTHER)
 
 
-def _of_items(meta: dict[bytes, bytes]) -> Iterator[str]:
-    """Yields names of items other than the primary picture, its parts, EXIF and XMP, thumbnails, and hidden ones."""
+def _items(meta: dict[bytes, bytes]) -> Iterator[Found]:
+    """Yields a part for each item but auxiliary pictures."""
     references = list(_references(meta.get(b"iref", bytes(4))))
-    parts = {_primary(meta), *(part for kind, _, to in references if kind == b"dimg" for part in to)}
-    parts |= {item for kind, item, _ in references if kind in (b"thmb", b"auxl")}
+    primary = _primary(meta)
+    parts = {primary, *(part for kind, _, to in references if kind == b"dimg" for part in to)}
+    thumbnails = {item for kind, item, _ in references if kind == b"thmb"}
+    auxiliaries = {item for kind, item, _ in references if kind == b"auxl"}
     for data in islice(item_entries(meta[b"iinf"]), _MOST_ITEMS):
         if data[0] < 2:
             continue
         number, at = _number_of(data)
         kind = data[at : at + 4]
-        content_type = data[at + 4 :].split(b"\0")[1:2]
-        if kind == b"tmap":
-            yield "gain map"
-        elif kind == b"iptc":
-            yield "IPTC"
-        elif kind == b"uri " or (kind == b"mime" and content_type != [_XMP]):
-            yield OTHER
-        elif kind not in _METADATA and number not in parts and not data[3] & 1:
-            yield "further pictures"
+        if kind == b"Exif":
+            yield Found("EXIF", 0, "exif", Fate.REPLACED)  # that of a further picture goes with it
+        elif kind == b"mime" and data[at + 4 :].split(b"\0")[1:2] == [_XMP]:
+            yield Found("XMP", 0, "xmp", Fate.REPLACED)
+        elif kind in _OTHER_ITEMS:
+            yield Found(_OTHER_ITEMS[kind])
+        elif number in parts or data[3] & 1:
+            yield of_coding("picture")
+        elif number in thumbnails:
+            yield of_coding("thumbnail")
+        elif number not in auxiliaries:
+            yield Found(PICTURES)
 
 
 def item_entries(iinf: bytes) -> Iterator[bytes]:

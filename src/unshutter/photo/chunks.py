@@ -14,12 +14,11 @@ import io
 import re
 import struct
 import zlib
-from collections.abc import Collection, Iterator, Sequence
-from typing import BinaryIO
+from collections.abc import Collection, Iterator, Mapping
+from typing import BinaryIO, NamedTuple
 
 from unshutter.photo.directories import EXIF_PREFIX, Entry, Tree
 
-OTHER = "other data"  # what results lack that has no name of its own: chunks, segments, tags of other programs
 _PIECE = 1 << 20  # bytes read at once, because pictures may be larger than memory
 
 # ---- files ---------------------------------------------------------------------------------------------
@@ -54,7 +53,6 @@ def insert(file: BinaryIO, at: int, data: bytes) -> None:
 SIGNATURE_BYTES = 8
 TEXTS = frozenset({b"tEXt", b"zTXt", b"iTXt"})
 COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
-_MEANINGLESS_ELSEWHERE = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"pHYs", b"tIME"})  # or kept in another way
 _USUAL_GAMMA = struct.pack(">I", 45455)
 _USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
 _LARGEST = 1 << 26  # most data of a chunk [bytes]
@@ -62,16 +60,21 @@ _MOST = 10_000  # most chunks
 _LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
 
 
+class Chunk(NamedTuple):
+    """A chunk's name and data; ``data`` is None if they are damaged, or too long for a photo's metadata."""
+
+    name: bytes
+    data: bytes | None
+    size: int  # of the whole chunk [bytes]
+
+
 def is_safe_to_copy(name: bytes) -> bool:
     """Whether a chunk's data remain valid for other pixels, according to the case of letters in its name."""
     return bool(name[0] & _LOWER and name[3] & _LOWER)
 
 
-def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[tuple[bytes, bytes | None]]:
-    """Yields (name, data) of all chunks of a PNG, including those after the pixels, except for names to skip.
-
-    Data that are damaged, or too long for a photo's metadata, are None.
-    """
+def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
+    """Yields all chunks of a PNG, including those after the pixels, except for names to skip."""
     file.seek(SIGNATURE_BYTES)
     count = 0
     left = 1 << 27  # most data of all chunks [bytes]
@@ -83,17 +86,17 @@ def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[tuple[byte
         count += 1
         if length > min(_LARGEST, left) or count > _MOST:
             file.seek(length + 4, 1)
-            yield name, None
+            yield Chunk(name, None, length + 12)
             continue
         left -= length
         data = file.read(length)
         checksum = file.read(4)
-        yield name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None
+        yield Chunk(name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None, length + 12)
 
 
-def has_data_behind(file: BinaryIO) -> bool:
-    """Whether data follow the last chunk of a PNG; to be called after reading :func:`chunks_of` to the end."""
-    return bool(file.read(_LARGEST)[4:].strip(b"\0\r\n"))  # after a checksum
+def bytes_behind_chunks(file: BinaryIO) -> int:
+    """Counts the bytes after the last chunk of a PNG, without fill; to be called after :func:`chunks_of`."""
+    return len(file.read(_LARGEST)[4:].strip(b"\0\r\n"))  # after a checksum
 
 
 def encoded_chunk(name: bytes, data: bytes) -> bytes:
@@ -118,20 +121,12 @@ def heads_before_pixels(file: BinaryIO) -> Iterator[tuple[int, bytes, int]]:
         file.seek(at)
 
 
-def lost_in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:
-    """Yields names of what is lost without chunks; not colours, if a profile describes them or they are sRGB's."""
-    by_name = dict(chunks)
-    names = by_name.keys()
-    if names & TEXTS:
-        yield "texts"
-    are_usual = b"sRGB" in names or (
-        by_name.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA
-        and by_name.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
+def are_usual(colours: Mapping[bytes, bytes]) -> bool:
+    """Whether the chunks of a PNG say that its colours are sRGB's."""
+    return b"sRGB" in colours or (
+        colours.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA
+        and colours.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
     )
-    if not has_profile and not are_usual:
-        yield "colours"
-    if names - TEXTS - _MEANINGLESS_ELSEWHERE:
-        yield OTHER
 
 
 # ---- segments of JPEG ----------------------------------------------------------------------------------
@@ -142,6 +137,7 @@ SCAN = 0xDA
 APP0 = 0xE0
 APP1 = 0xE1
 APP2 = 0xE2
+APP11 = 0xEB
 APP13 = 0xED
 APP14 = 0xEE
 COMMENT = 0xFE
@@ -151,15 +147,18 @@ _IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends code
 _FILL = b"\0\xff \r\n\t"
 
 
-def before_the_scan(file: BinaryIO, markers: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
-    """Yields (marker, content) of the segments before the first scan that have one of the markers."""
-    file.seek(2)
+def before_the_scan(file: BinaryIO, markers: Collection[int] | None = None, at: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Yields (marker, content) of the segments before the first scan that have one of the markers, by default all.
+
+    The picture begins at a position in the file.
+    """
+    file.seek(at + 2)
     while (marker := _marker(file)) not in (None, SCAN):
         size = file.read(2)
         length = int.from_bytes(size, "big")
         if len(size) < 2 or length < 2:
             return
-        if marker in markers:
+        if markers is None or marker in markers:
             yield marker, file.read(length - 2)
         else:
             file.seek(length - 2, 1)
@@ -175,16 +174,36 @@ def _marker(file: BinaryIO) -> int | None:
     return None
 
 
-def bytes_behind(file: BinaryIO) -> int:
-    """Counts the bytes after the end of the picture; 0 after 64 MB of padding, or if the picture has no end."""
-    for _ in before_the_scan(file, ()):
+def picture_end(file: BinaryIO, at: int = 0) -> int | None:
+    """Returns where the picture that begins at a position ends; None if nothing tells."""
+    for _ in before_the_scan(file, (), at):
         pass
     while (marker := _after_segment(file)) not in (None, END):
         pass
-    at = file.tell()
-    if marker is None or not any(file.read(_PIECE).strip(_FILL) for _ in range(64)):  # pieces
-        return 0
-    return file.seek(0, io.SEEK_END) - at
+    return None if marker is None else file.tell()
+
+
+def pieces_behind(file: BinaryIO, end: int) -> Iterator[tuple[int, int]]:
+    """Yields start and length of what follows the picture before ``end``: each picture, and then all the rest.
+
+    Fill is skipped; nothing is yielded after 64 MB of it, or if the picture has no end.
+    """
+    at = picture_end(file)
+    for _ in range(64):  # pieces
+        if at is None or at >= end:
+            return
+        file.seek(at)
+        piece = file.read(min(_PIECE, end - at))
+        fill = len(piece) - len(piece.lstrip(_FILL))
+        if fill < len(piece) and piece[fill - 1 : fill + 2] == b"\xff\xd8\xff":
+            fill -= 1
+        at += fill
+        if fill == len(piece):
+            continue
+        stop = picture_end(file, at) if piece[fill : fill + 3] == b"\xff\xd8\xff" else None
+        stop = min(stop or end, end)
+        yield at, stop - at
+        at = stop
 
 
 def _after_segment(file: BinaryIO) -> int | None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from unshutter.photo import boxes, maker_notes
-from unshutter.photo.chunks import OTHER
+from unshutter.photo.parts import OTHER
 from unshutter.photo.xmp import VideoPlace
 
 if TYPE_CHECKING:

@@ -21,11 +21,27 @@ from unshutter.photo import maker_notes
 from unshutter.photo.placement import Placement
 from unshutter.photo.regions import moved_subject
 
-# Tags in a TIFF's first directory that describe the photo rather than the storage of its pixels: names of document and
+# Tags in a TIFF's first directory that describe the photo rather than the storage of its pixels: program, document and
 # page, position on the page, page number, description, make, model, software, date, artist, computer, white point and
 # primaries, ratings, copyright, Windows titles, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
-    {0x010D, 0x010E, 0x010F, 0x0110, 0x011D, 0x011E, 0x011F, 0x0129, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F}
+    {
+        0x000B,
+        0x010D,
+        0x010E,
+        0x010F,
+        0x0110,
+        0x011D,
+        0x011E,
+        0x011F,
+        0x0129,
+        0x0131,
+        0x0132,
+        0x013B,
+        0x013C,
+        0x013E,
+        0x013F,
+    }
     | {0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
 # Geographic position of the picture (OGC GeoTIFF 1.1), with GDAL's additions.
@@ -60,7 +76,7 @@ def read(blob: bytes | None) -> tiff.Tree:
 
 
 def has_loop(blob: bytes) -> bool:
-    """Whether the directories of a blob contain a loop, with which libexif would take minutes."""
+    """Whether the directories of a blob contain a loop; such a blob is not given to libraries."""
     data = blob.removeprefix(tiff.EXIF_PREFIX)
     order = tiff.BYTE_ORDERS.get(data[:4])
     if order is None or len(data) < 8:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from unshutter.photo import directories as tiff
@@ -36,6 +35,8 @@ def apple(blob: bytes | None) -> tiff.Tree:
 
 # ---- notes that move -----------------------------------------------------------------------------------
 
+# beginnings of notes whose offsets are relative to their own start
+_SELF_CONTAINED = (b"OLYMPUS\0", b"OM SYSTEM\0", b"Nikon\0\x02", b"PENTAX \0", b"FUJIFILM", _APPLE)
 _OPAQUE = 7  # TIFF type: bytes without a meaning
 _UNUSED = (0, 0, 0)  # tag, TIFF type and number of values of an entry left empty by a camera
 _SURELY = 3  # this many values that all lie elsewhere in EXIF are not a coincidence
@@ -140,14 +141,17 @@ def _from_outside(note: bytes, order: str, was_at: int) -> _Directory | None:
     return next((directory for directory in _directories(note, order, was_at) if directory.is_from_outside), None)
 
 
-def _directories(note: bytes, order: str, was_at: int) -> Iterator[_Directory]:
-    """Yields every possible directory of a note: at each usual start, in either byte order."""
+def _directories(note: bytes, order: str, was_at: int) -> list[_Directory]:
+    """Returns every possible directory of a note, at each usual start, in either byte order, the longest first.
+
+    There are none in a note whose offsets are known to be relative to its own start.
+    """
+    if note.startswith(_SELF_CONTAINED):
+        return []
+    orders = (order, {"<": ">", ">": "<"}[order])
     # bytes before the directory: none (Canon), a name and a version (Nikon, Olympus, Sony ...)
-    for start in (0, 6, 8, 10, 12):
-        for each in (order, {"<": ">", ">": "<"}[order]):
-            directory = _directory(note, each, start, was_at)
-            if directory is not None:
-                yield directory
+    possible = (_directory(note, each, start, was_at) for start in (0, 6, 8, 10, 12) for each in orders)
+    return sorted(filter(None, possible), key=lambda each: -len(each.inside) - len(each.elsewhere))
 
 
 def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory | None:
@@ -160,9 +164,9 @@ def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory |
         return None
     directory = _Directory(order, [], [], [], [])
     for slot in tiff.slots(note, order, start + 2, count):
-        size = tiff.VALUE_BYTES.get(slot.kind, 0) * slot.count
-        if not size and (slot.tag, slot.kind, slot.count) != _UNUSED:
+        if slot.kind not in tiff.VALUE_BYTES and (slot.tag, slot.kind, slot.count) != _UNUSED:
             return None
+        size = tiff.VALUE_BYTES.get(slot.kind, 0) * slot.count
         if size > 4:
             (at,) = struct.unpack_from(order + "I", note, slot.value_at)
             if end <= at <= len(note) - size:

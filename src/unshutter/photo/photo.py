@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard, cast
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.inventory import Part
 from unshutter.options import MAX_PIXELS, Save
 from unshutter.orientation import Orientation
 from unshutter.photo import attitude, decoder, exif, exposure, readout_times, regions, saving
@@ -44,17 +45,8 @@ class Photo(FileOutput):
     Pixels are decoded once, on first use or earlier (:meth:`start_decoding`). :attr:`pixels` is always
     [H, W, bands], with one band for a grey photo; :meth:`to_array` returns a grey photo as [H, W].
 
-    What is preserved in a result:
-
-    * bits: 16-bit pixels keep their depth in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, and are
-      rounded to 8 in JPEG and WebP;
-    * channels: grey stays grey in JPEG, PNG and TIFF, but becomes RGB in WebP and AVIF; alpha is kept except in JPEG,
-      where the picture is flattened on black;
-    * ICC profile, XMP, IPTC (JPEG and TIFF), and EXIF byte for byte (in TIFF, tag by tag), with the picture's size;
-    * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
-
-    New pixels get a new thumbnail if the EXIF has one, except in TIFF, and lose all other thumbnails of the old ones.
-    See docs/reference/formats.md for measurements of all this.
+    Results keep depth, channels, profile and metadata as far as their format can hold them, with the picture's size and
+    a new thumbnail; docs/reference/formats.md lists this by format. Places in the metadata move with the pixels.
 
     Attributes:
         format: ``jpeg``, ``png``, ``webp``, ``tiff``, ``avif``, ``heic``, ``raw``, or ``array``.
@@ -140,8 +132,8 @@ class Photo(FileOutput):
         """Returns a photo with new pixels, possibly of another size, and this one's metadata and format; not copied.
 
         Args:
-            placement: where they show what this photo shows, so that places in the metadata (faces ...) are moved
-                along; by default, pixels of the same size show everything at the same place, and others lose places.
+            placement: where they show what this photo shows: places in the metadata, such as faces, are moved along.
+                By default, pixels of the same size show everything at the same place; others lose these metadata.
 
         Raises:
             UnshutterError: see :meth:`from_array`.
@@ -372,8 +364,8 @@ class Photo(FileOutput):
         is_same = self.format == format and how.quality is how.subsampling is None
         return self._decoder.source if self._decoder is not None and is_same else None
 
-    def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
-        """Returns the photo as a format can hold it, and the names of what it cannot hold."""
+    def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, list[Part]]:
+        """Returns the photo as a format can hold it, and what becomes of the parts of its file."""
         coding = self._coding
         if save.subsampling is not None:
             coding = replace(coding, subsampled=save.subsampling == "4:2:0")

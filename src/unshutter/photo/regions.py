@@ -192,7 +192,7 @@ class _Mover:
 
     def _move_rectangle(self, thing: _Thing, placement: Placement) -> bool:
         try:
-            left, top, width, height = map(float, self.packet.text(thing).split(","))
+            left, top, width, height = map(float, self.packet.text(thing).replace(",", " ").split())
         except ValueError:
             return False
         box = placement.box(Box(left, top, left + width, top + height))

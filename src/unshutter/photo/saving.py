@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from unshutter.errors import UnshutterError
+from unshutter.inventory import Part, left_out
 from unshutter.options import PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.options.picture_formats import BY_NAME
@@ -19,6 +20,7 @@ from unshutter.photo import chunks, exif, xmp
 from unshutter.photo.formats import WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
+from unshutter.photo.parts import DAMAGED, Found, lost
 from unshutter.storage.files import Times, check_target, written_whole
 from unshutter.storage.locations import RunFiles
 from unshutter.storage.opened import Opened
@@ -32,14 +34,6 @@ class Encoded(NamedTuple):
 
     data: bytes  # the file
     left_out: tuple[str, ...]  # names of metadata that it lacks: ("IPTC", "texts")
-
-
-def describe_left_out(left_out: Sequence[str]) -> str:
-    """Lists the metadata that a file cannot hold in one line for the user; empty if there are none."""
-    if not left_out:
-        return ""
-    *others, last = dict.fromkeys(left_out)
-    return f"not written: {', '.join(others)} and {last}" if others else f"not written: {last}"
 
 
 class FileOutput(ABC):
@@ -56,8 +50,8 @@ class FileOutput(ABC):
         """Access and modification time of its file [ns since 1970]."""
 
     @abstractmethod
-    def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
-        """Returns the picture as a format can hold it, and the names of what it cannot hold."""
+    def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, list[Part]]:
+        """Returns the picture as a format can hold it, and what becomes of the parts of its file."""
 
     def to_bytes(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
@@ -80,13 +74,8 @@ class FileOutput(ABC):
         save = from_keywords(Save, {"format": format, "quality": quality, "subsampling": subsampling})
         own = "png" if self.format == "array" else BY_NAME[self.format].written_as
         target = WRITTEN[save.format or own]
-        picture, left_out = self._picture_for(target, save)
-        with refusing(f"cannot encode the picture as {target.row.title}"):
-            data = target.encode(picture, None)
-        assert data is not None
-        stream = io.BytesIO(data)
-        left_out += tuple(target.embed(stream, picture))
-        return Encoded(stream.getvalue(), left_out)
+        data, parts = encode_with_parts(self, target, save)
+        return Encoded(data, tuple(left_out(parts)))
 
     @errors_in_python()
     def save(
@@ -125,72 +114,97 @@ def check_result(target: Path, overwrite: bool, made_from: Sequence[Opened]) -> 
     check_target(target, overwrite)
 
 
+def encode_with_parts(photo: FileOutput, format: WrittenFormat, save: Save) -> tuple[bytes, list[Part]]:
+    """Encodes a photo as :meth:`FileOutput.encode` does; returns the file, and what became of the parts of its source.
+
+    Parts that did not fit are listed at the end as left out.
+    """
+    picture, parts = photo._picture_for(format, save)
+    with refusing(f"cannot encode the picture as {format.row.title}"):
+        data = format.encode(picture, None)
+    assert data is not None
+    stream = io.BytesIO(data)
+    parts += lost(format.embed(stream, picture))
+    return stream.getvalue(), parts
+
+
 def write_photo(photo: FileOutput, target: Path, format: WrittenFormat, save: Save, overwrite: bool) -> tuple[str, ...]:
     """Writes a photo as :meth:`FileOutput.save` does, without checking the target first."""
     times_ns = photo.times_ns if save.keep_times else None
-    picture, left_out = photo._picture_for(format, save)  # decodes: damage is found before writing
+    picture, parts = photo._picture_for(format, save)  # decodes: damage is found before writing
     with written_whole(target, overwrite, mode_of=photo.opened and photo.opened.path, times_ns=times_ns) as part:
         with refusing(f"cannot write {target}"):
             format.encode(picture, part)
         with part.open("r+b") as stream:
-            left_out += tuple(format.embed(stream, picture))
-    return left_out
+            parts += lost(format.embed(stream, picture))
+    return tuple(left_out(parts))
 
 
 # ---- contents of a file --------------------------------------------------------------------------------
 
 
-def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Picture, tuple[str, ...]]:
-    """Fits a picture to a format, updates its metadata to match the pixels, and names what is lost.
+def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Picture, list[Part]]:
+    """Fits a picture to a format, and updates its metadata to match the pixels; also returns what becomes of parts.
 
     If the pixels differ from those of the file that the metadata come from, thumbnails are replaced or removed.
     """
-    lost_channels: tuple[str, ...] = ()
+    lost_channels = []
     if picture.masked and not format.masks:  # otherwise libvips would treat the mask as transparency
-        lost_channels = ("mask channel",)
+        lost_channels = ["mask channel"]
         picture = replace(picture, image=standard(picture.image[: picture.image.bands - 1]))
     elif picture.has_alpha and not format.alpha:
         opaque = 65_535 if picture.image.format == "ushort" else 255
         if float(picture.image[picture.image.bands - 1].min()) < opaque:  # pyright: ignore[reportArgumentType]
-            lost_channels = ("transparency",)
-    metadata, left_out = _updated_metadata(picture, format, is_new)
+            lost_channels = ["transparency"]
+    metadata = _updated_metadata(picture, format, is_new)
+    parts = _parts(picture.metadata, metadata, format)
     image, profile = _fitted_pixels(picture.image, metadata.icc, format)
     fitting = replace(picture, image=image, metadata=replace(metadata, icc=profile))
-    return fitting, (*dict.fromkeys(left_out), *lost_channels)
+    return fitting, [*parts, *lost(lost_channels)]
 
 
-def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Metadata, list[str]]:
-    """Returns metadata that match the pixels, and the names of those that are lost."""
+def _parts(before: Metadata, after: Metadata, format: WrittenFormat) -> list[Part]:
+    """Returns what becomes of the parts of a file, given the metadata that are written."""
+    changed = [name for name in format.holds if getattr(before, name) != getattr(after, name)]
+    gone = {name for name in changed if getattr(after, name) is None}
+    kept = format.holds - gone
+    changed.append("resolution")  # written in another form
+    return [found.part(kept, changed) for found in after.found if found.held not in gone]
+
+
+def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> Metadata:
+    """Returns metadata that match the pixels; what is lost in this is among the parts."""
     image = picture.image
     metadata = picture.metadata
     orientation = picture.orientation
-    left_out = [*metadata.lost_in(format.holds), *metadata.left_behind]
+    gone: list[Found] = []
     packet = metadata.xmp
     resources = metadata.resources
     if packet is not None:
         video = metadata.video if "video" in format.holds else None
-        left_out += xmp.lost(packet, video is not None)
+        gone += xmp.lost(packet, video is not None)
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.updated(
             packet, xmp.NextPicture(image.height, image.width, xmp_orientation, is_new, video and video.place)
         )
         if packet is None:
-            left_out.append("XMP (damaged)")
+            gone.append(Found("XMP", reason=DAMAGED))
     if is_new and resources is not None:
         resources = chunks.without_thumbnails(resources)
     blob = metadata.exif
     profile = metadata.icc
     if profile is not None and profile[16:20] not in (b"RGB ", b"GRAY"):  # libvips would leave it out
-        left_out.append("colour profile")
+        gone.append(Found("colour profile"))
         profile = None
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
             blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
-            left_out += [] if exif.has_thumbnail(blob) else ["thumbnail"]
+            gone += [] if exif.has_thumbnail(blob) else [Found("thumbnail")]
     blob = exif.with_orientation(blob, orientation)
-    return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources), left_out
+    found = (*metadata.found, *gone)
+    return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources, found=found)
 
 
 def _thumbnail(image: pyvips.Image) -> bytes:

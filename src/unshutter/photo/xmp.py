@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.parsers import expat
 
+from unshutter.photo.parts import Found
+
 # Prefixes and their namespaces; packets that use them undeclared are accepted.
 NAMESPACES = {
     "rdf": "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
@@ -318,10 +320,12 @@ def video_bytes(packet: bytes | None) -> int | None:
     return length
 
 
-def lost(packet: bytes, has_video: bool) -> list[str]:
-    """Names additional pictures and videos that the packet describes but the next file lacks."""
-    loses_video = not has_video and video_bytes(packet) is not None
-    return ["gain map"] * has_gain_map(packet) + ["film"] * loses_video
+def lost(packet: bytes, has_video: bool) -> Iterator[Found]:
+    """Yields the additional pictures and videos that the packet describes but the next file lacks."""
+    if has_gain_map(packet):
+        yield Found("gain map")
+    if not has_video and video_bytes(packet) is not None:
+        yield Found("film")
 
 
 def has_gain_map(packet: bytes | None) -> bool:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter import inventory
 from unshutter.errors import UnshutterError
 from unshutter.options import LEAST_GOOD_CROP, MAX_PIXELS, Edges, Find, Rectify
-from unshutter.photo.saving import describe_left_out
 from unshutter.run.ahead import Begun, Wanted, look_ahead
 from unshutter.storage.files import check_target
 from unshutter.storage.locations import RunFiles
@@ -125,10 +125,15 @@ class Outcome:
         return little_left or (self.verdict is not None and self.verdict.needs_a_look)
 
     @property
+    def left_out(self) -> list[str]:
+        """Names of what the files that were written lack, each once."""
+        return list(dict.fromkeys(name for file in self.written for name in file.left_out))
+
+    @property
     def note(self) -> str:
         """What the user should know about the written files; usually empty."""
         notes = []
         for file in self.written:
             notes += [f"encoded as {file.encoded_as}"] if file.encoded_as else []
-            notes += filter(None, [describe_left_out(file.left_out)])
+            notes += filter(None, [inventory.describe(file.left_out)])
         return "; ".join(notes)

@@ -85,7 +85,7 @@ class Report:
     def done(self, job: Job, outcome: Outcome) -> None:
         """Reports a photo that was changed or left unchanged."""
         verdict = outcome.verdict
-        extras = {name: value for name in ("model", "note", "edges") if (value := getattr(outcome, name))}
+        extras = {name: value for name in ("model", "note", "left_out", "edges") if (value := getattr(outcome, name))}
         extras |= {} if outcome.ratio is None else {"readout_ratio": outcome.ratio.value}
         extras |= {} if outcome.area_left is None else {"area_left": round(outcome.area_left, 4)}
         again = job.folder_log_odds is not None  # in view of the other photos of its folder

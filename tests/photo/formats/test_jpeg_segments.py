@@ -13,6 +13,7 @@ from support.tagged_files import TITLE, exif_blob, full_exif, image_resources, j
 from unshutter.photo import Photo, chunks
 from unshutter.photo.directories import EXIF, GPS, Entry, Tree, encoded_number
 from unshutter.photo.exif import of_tiff
+from unshutter.photo.formats import WRITTEN
 
 PHOTOSHOP, ADOBE = b"Photoshop 3.0\0", b"http://ns.adobe.com/xap/1.0/\0"
 
@@ -87,10 +88,15 @@ def test_data_behind_the_picture_are_named(progressive: bool, monkeypatch: pytes
     data = encoded(drawn(), "JPEG", progressive=progressive, restart_marker_blocks=3)
     for fill in (b"", bytes(3000), b"\xff\xff", b"\r\n"):
         assert result(data + fill).left_out == ()
-    for more in (b"PK\3\4 of a program", data):
-        assert result(data + bytes(5) + more).left_out == ("other data",)
-    assert chunks.bytes_behind(io.BytesIO(data[:-2])) == 0  # where nothing tells the end
-    assert chunks.bytes_behind(io.BytesIO(data + bytes(6500) + b"PK")) == 0  # 64 pieces are read, not gigabytes
+    for more, name in ((b"PK\3\4 of a program", "other data"), (data, "further pictures")):
+        assert result(data + bytes(5) + more).left_out == (name,)
+    for nothing in (data[:-2], data + bytes(6500) + b"PK"):  # nothing tells the end; 64 pieces are read, not gigabytes
+        assert list(chunks.pieces_behind(io.BytesIO(nothing), len(nothing))) == []
+    whole = data + bytes(7) + data + b"PK\3\4"
+    assert list(chunks.pieces_behind(io.BytesIO(whole), len(whole))) == [
+        (len(data) + 7, len(data)),
+        (2 * len(data) + 7, 4),
+    ]
 
 
 @pytest.mark.parametrize("subsampling", ["4:4:4", "4:2:0"])
@@ -149,9 +155,8 @@ def test_much_exif_takes_no_time(target) -> None:
 
 @pytest.mark.parametrize("format", ["JPEG", "PNG", "WEBP", "AVIF"])
 def test_exif_whose_directories_go_round_in_circles_is_no_trap(format) -> None:
-    pointers = b"".join(encoded_number("<", EXIF, 4, 8) for _ in range(5000))
-    blob = b"Exif\0\0II*\0" + b"\x08\0\0\0" + (5000).to_bytes(2, "little") + pointers + b"\x08\0\0\0"
-    start = time.process_time()
-    file = result(encoded(drawn(), format, exif=blob))
-    assert time.process_time() - start < 5
+    blob = b"Exif\0\0II*\0" + b"\x08\0\0\0\1\0" + encoded_number("<", EXIF, 4, 8) + b"\x08\0\0\0"
+    data = encoded(drawn(), format, exif=blob)
+    assert WRITTEN[format.lower()].hidden_markers(io.BytesIO(data))  # libvips does not see it
+    file = result(data)
     assert file.left_out == ("EXIF (damaged)",)

@@ -15,6 +15,7 @@ from support.drawn_photos import drawn, encoded
 from support.tagged_files import SRGB, TITLE, check_rich_exif, image_resources, rich_exif
 from unshutter import UnshutterError
 from unshutter.photo import Photo, chunks
+from unshutter.photo.formats import WRITTEN
 
 XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"/></x:xmpmeta>'
 UMLAUT = "© Müller"
@@ -151,9 +152,12 @@ def test_metadata_that_would_fill_the_memory_are_named():
 @pytest.mark.parametrize("at_the_end", [False, True])
 @pytest.mark.parametrize("form", ["chunk", "raw profile"])
 def test_exif_that_goes_round_in_circles_is_left_out(at_the_end, form):
-    loop = b"II*\0" + struct.pack("<IH", 8, 65535) + struct.pack("<HHII", 0x8769, 4, 1, 8) * 65535 + bytes(4)
+    loop = b"II*\0" + struct.pack("<IHHHII", 8, 1, 0x8769, 4, 1, 8) + bytes(4)
     pair = (b"eXIf", loop) if form == "chunk" else raw_profile(b"exif", loop)
-    photo = Photo.from_bytes(png_with(pair, at_the_end=at_the_end))
+    data = png_with(pair, at_the_end=at_the_end)
+    is_read = form == "chunk" and not at_the_end  # by libvips
+    assert bool(WRITTEN["png"].hidden_markers(io.BytesIO(data))) == is_read
+    photo = Photo.from_bytes(data)
     result = photo.encode()
     assert result.left_out == ("EXIF (damaged)",) and b"eXIf" not in result.data
     assert (photo.to_array() == drawn()).all()

@@ -110,7 +110,7 @@ def test_what_a_raw_file_keeps_to_itself_is_named(tmp_path: Path) -> None:
         (cr3[:24], ["EXIF"]),
     ):
         stream = io.BytesIO(data)
-        assert list(raw._left_behind(stream, raw.read_tags(stream))) == expected
+        assert [found.name for found in raw._unread(stream, raw.read_tags(stream))] == expected
     private = dng(linear(soft()), tags=[(0xC634, 1, 5, b"Adobe", True)])
     (tmp_path / "a.dng").write_bytes(private)
     assert Photo.open(tmp_path / "a.dng").encode().left_out == ("other data",)

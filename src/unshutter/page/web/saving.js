@@ -2,7 +2,7 @@
 
 /** @import { Doing, Item, Notice, Progress, Saving } from "./types.js" @import { Photo } from "./photo.js" */
 
-import { ask, close, download, events, lineOf } from "./api.js";
+import { ask, close, download, events, factsIn, lineOf } from "./api.js";
 import { element } from "./nodes.js";
 import { WRONG } from "./states.js";
 import { button } from "./widgets.js";
@@ -20,7 +20,8 @@ export async function saveOne(item, notice) {
   if (item.kind === "clip") return saveMany([item], "file", notice); // that takes long
   try {
     const wishes = item.wishes;
-    notice(words.savedOne(await download(await item.ask("picture"))));
+    const answer = await item.ask("picture");
+    notice(words.savedOne(await download(answer), factsIn(answer)?.left_out ?? []));
     item.keep(wishes);
   } catch (error) {
     notice(words.error(item.name, messageOf(error)));
@@ -131,5 +132,6 @@ async function ended({ id, to, state, error = "", total, done }, notice) {
   }
   const why = failed.map((each) => `${each.name} (${lineOf(each)})`).join(", ");
   const isClip = total === 1 && count === 1 && frames !== undefined;
-  notice(isClip ? words.clipSaved(done[0]) : words.savedMany(count, why));
+  const lost = [...new Set(done.flatMap((each) => each.left_out ?? []))]; // of photos
+  notice(isClip ? words.clipSaved(done[0]) : words.savedMany(count, why, lost));
 }

@@ -10,6 +10,8 @@ export const percent = (share) => `${share < 1 ? Math.min(Math.round(100 * share
 const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
 /** @param {number} n @param {string} one @param {string} [many] */
 const count = (n, one, many = `${one}s`) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
+/** @param {string[]} lost */
+const notKept = (lost) => (lost.length ? ` Not kept: ${lost.join(", ")}.` : "");
 /** @param {number} deg */
 const degrees = (deg) => `${Math.abs(deg).toFixed(1)}°`;
 
@@ -413,10 +415,9 @@ export const words = {
   },
   clipSaved: ({ name, frames, rectified, left_out: lost, as_they_were: kept }) => {
     const others = rectified < frames ? ", the others left unchanged" : "";
-    const without = lost.length ? ` Not kept: ${lost.join(", ")}.` : "";
     const asTheyWere = kept.length ? ` Left unchanged: ${kept.join(", ")}.` : "";
     const share = `${rectified} of ${count(frames, "frame")} straightened`;
-    return `${name}: saved to ${downloads}, ${share}${others}.${without}${asTheyWere}`;
+    return `${name}: saved to ${downloads}, ${share}${others}.${notKept(lost)}${asTheyWere}`;
   },
   clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [
@@ -430,11 +431,12 @@ export const words = {
   noClips: (name, command) => `${name} is a clip. To open clips, install what they need: ${command}`,
 
   // saving
-  savedOne: (name) => `${name}: saved to ${downloads}.`,
+  savedOne: (name, lost) => `${name}: saved to ${downloads}.${notKept(lost)}`,
   saving: (done, total) => `Saving: ${done} of ${count(total, "file")}`,
   stopSaving: cancel,
   fetching: "Fetching the file…",
-  savedMany: (n, failed) => `${count(n, "file")} saved to ${downloads}${failed ? `; not saved: ${failed}` : "."}`,
+  savedMany: (n, failed, lost) =>
+    `${count(n, "file")} saved to ${downloads}${failed ? `; not saved: ${failed}` : "."}${notKept(lost)}`,
   cancelled: "Cancelled.",
   nothingToSave: "There is nothing to save yet.",
   noneChanged: "Nothing was saved: none of them was straightened.",

@@ -23,6 +23,7 @@ from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source, field, in_plain_words, memory_returned, profile_of, threads
+from unshutter.photo.parts import DAMAGED, Found
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,15 +47,16 @@ class Avif(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
-        own, left_behind = boxes.inspect_boxes(source)
+        own, found = boxes.inspect_boxes(source)
         image = picture_format.open_image(self, source)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
-        found = picture_format.metadata_of(image)
-        profile = profile_of(*own.code_points, source) if found.icc is None else found.icc
+        read = picture_format.metadata_of(image)
+        profile = profile_of(*own.code_points, source) if read.icc is None else read.icc
+        blob = exif.with_header(read.exif)
         if picture_format.readable(self, source) is not source:
-            found = replace(found, exif=None)
-            left_behind = ("EXIF (damaged)", *left_behind)
-        metadata = replace(found, exif=exif.with_header(found.exif), icc=profile, left_behind=left_behind)
+            blob = None
+            found = (Found("EXIF", reason=DAMAGED), *found)
+        metadata = replace(read, exif=blob, icc=profile, found=found)
         header = picture_format.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)
         bands = header.bands - 2 if own.grey else header.bands
@@ -117,7 +119,7 @@ class Heic(Format):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        own, left_behind = boxes.inspect_boxes(source)
+        own, found = boxes.inspect_boxes(source)
         picture = _primary(source)
         info = picture.info
         height, width = own.orientation.size(*picture.size[::-1])
@@ -127,7 +129,7 @@ class Heic(Format):
             exif=info.get("exif") or None,
             icc=bytes(profile) if profile else None,
             xmp=bytes(packet) if packet else None,
-            left_behind=left_behind,
+            found=found,
         ).without_exif_loop()
         coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
         return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)
@@ -186,7 +188,7 @@ def _primary(source: Source) -> HeifImage:
 
 
 def _item_names_are_text(file: BinaryIO) -> bool:
-    """Whether the types of all items are ASCII; otherwise pi-heif crashes (1.4)."""
+    """Whether the types of all items are ASCII, as the standard demands; pi-heif is not asked to read others."""
     try:
         entries = boxes.item_entries(boxes.in_meta(file)[b"iinf"])
     except (KeyError, IndexError):

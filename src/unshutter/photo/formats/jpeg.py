@@ -16,24 +16,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
+from unshutter.inventory import Fate
 from unshutter.photo import chunks, exif, xmp
 from unshutter.photo.chunks import (
     APP0,
     APP1,
     APP2,
+    APP11,
     APP13,
     APP14,
     COMMENT,
     XMP_PREFIX,
     before_the_scan,
-    bytes_behind,
     insert,
 )
-from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.directories import EXIF_PREFIX, read_tree
 from unshutter.photo.embedded_video import appended_video
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source
+from unshutter.photo.parts import OTHER, PICTURES, Found, of_coding, purpose
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,17 +52,28 @@ _LUMINANCE = (
 )
 
 _JFIF = b"JFIF\0"
-_MORE_XMP = b"http://ns.adobe.com/xmp/extension/\0"
 _PICTURES = b"MPF\0"
-_METADATA = (*range(APP0, APP0 + 16), COMMENT)
-# Segments that libvips reads, or that only describe the encoding of this file.
-_READ: dict[int, tuple[bytes, ...]] = {
-    APP0: (_JFIF, b"JFXX\0", b"AVI1"),
-    APP1: (EXIF_PREFIX, XMP_PREFIX),
-    APP2: (b"ICC_PROFILE\0",),
-    APP13: (chunks.RESOURCES_PREFIX,),
-    APP14: (b"Adobe",),
-}
+_FIRST_ONLY = ("exif", "xmp")  # attributes that hold one segment
+# Segments whose content is known: marker, first bytes, name, attribute of ``Metadata`` that holds it, fate otherwise.
+_SEGMENTS = (
+    (APP0, _JFIF, "resolution", "resolution", Fate.REPLACED),
+    (APP0, b"JFXX\0", "thumbnail", "", Fate.REPLACED),
+    (APP0, b"AVI1", "coding", "", Fate.REPLACED),
+    (APP1, EXIF_PREFIX, "EXIF", "exif", Fate.LEFT_OUT),
+    (APP1, XMP_PREFIX, "XMP", "xmp", Fate.LEFT_OUT),
+    (APP1, b"http://ns.adobe.com/xmp/extension/\0", "XMP (beyond the first 64 kB)", "", Fate.LEFT_OUT),
+    (APP2, b"ICC_PROFILE\0", "colour profile", "icc", Fate.LEFT_OUT),
+    (APP2, _PICTURES, "list of pictures", "", Fate.REPLACED),
+    (APP2, b"urn:iso:std:iso:ts:21496", "gain map", "", Fate.LEFT_OUT),
+    (APP11, b"JP", "content credentials", "", Fate.LEFT_OUT),
+    (APP13, chunks.RESOURCES_PREFIX, "IPTC", "resources", Fate.LEFT_OUT),
+    (APP14, b"Adobe", "coding", "", Fate.REPLACED),
+    (COMMENT, b"", "comment", "comments", Fate.LEFT_OUT),
+)
+_APPLICATION = range(APP0, APP0 + 16)
+_MP_ENTRIES = 0xB002  # tag with kind, length and start of each picture
+_MP_KINDS = {0x010001: "preview", 0x010002: "preview", 0x020002: "depth map", 0x050000: "gain map"}
+_LONGEST_HEAD = 1 << 20  # bytes in which the kind of a further picture is looked for
 
 
 @final
@@ -147,48 +160,90 @@ def _is_too_long(packet: bytes | None) -> bool:
 
 
 def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """Completes the metadata that libvips found in a JPEG with those that it loses or truncates.
+    """Completes the metadata that libvips found in a JPEG with those that it loses or truncates, and lists its parts.
 
-    These are EXIF (which libvips takes apart), density, comments, Photoshop's resources in several segments, and the
-    video of a motion photo, along with the names of metadata that no result contains.
+    These are EXIF (which libvips takes apart), XMP (of which it may take the extension), density, comments, Photoshop's
+    resources in several segments, and the video of a motion photo.
     """
-    listed = list(before_the_scan(file, _METADATA))
+    listed: list[tuple[int, bytes, int]] = []  # marker, content, bytes of the segment
+    at = 2
+    for marker, content in before_the_scan(file):
+        listed.append((marker, content, file.tell() - at))
+        at = file.tell()
     jfif = next((content for content in _beginning(listed, APP0, _JFIF) if len(content) >= 12), None)
     prefix = chunks.RESOURCES_PREFIX  # of each segment; a block may be split between two
-    resources = [part.removeprefix(prefix) for part in _beginning(listed, APP13, prefix)]
-    left_behind = [name for marker, content in listed if (name := _lost(marker, content, metadata.xmp))]
-    video = appended_video(file, xmp.video_bytes(metadata.xmp))
-    if video is not None:
-        left_behind += video.left_behind
-    left_behind += [chunks.OTHER for start in (EXIF_PREFIX, XMP_PREFIX) if len(_beginning(listed, APP1, start)) > 1]
-    has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which are named elsewhere
-    if not has_pictures and bytes_behind(file) > (video.taken_from if video else 0):
-        left_behind.append(chunks.OTHER)
-    return replace(
+    parts = [part.removeprefix(prefix) for part in _beginning(listed, APP13, prefix)]
+    packet = next((content.removeprefix(XMP_PREFIX) for content in _beginning(listed, APP1, XMP_PREFIX)), None)
+    video = appended_video(file, xmp.video_bytes(packet))
+    metadata = replace(
         metadata,
         exif=next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None),
+        xmp=packet,
         density=None if jfif is None else struct.unpack_from(">BHH", jfif, 7),
-        resources=prefix + b"".join(resources) if resources else None,
-        comments=tuple(content for marker, content in listed if marker == COMMENT),
+        resources=prefix + b"".join(parts) if parts else None,
+        comments=tuple(content for marker, content, _ in listed if marker == COMMENT),
         video=video,
-        left_behind=tuple(dict.fromkeys(left_behind)),
     )
+    found = [*_segments(listed, metadata), *_pictures_behind(file, listed, metadata)]
+    if video is not None:
+        found += [Found("film", video.taken_from, "video"), *map(Found, video.left_behind)]
+    return replace(metadata, found=tuple(found))
 
 
-def _beginning(listed: list[tuple[int, bytes]], marker: int, prefix: bytes) -> list[bytes]:
+def _beginning(listed: list[tuple[int, bytes, int]], marker: int, prefix: bytes) -> list[bytes]:
     """Returns the contents of segments with a marker that begin with a prefix."""
-    return [content for own, content in listed if own == marker and content.startswith(prefix)]
+    return [content for own, content, _ in listed if own == marker and content.startswith(prefix)]
 
 
-def _lost(marker: int, content: bytes, packet: bytes | None) -> str:
-    """Names a segment that no result contains; empty for those that are copied or only describe this file."""
-    if marker == COMMENT or content.startswith(_READ.get(marker, b"\0nothing")):
-        return ""
-    if marker == APP1 and content.startswith(_MORE_XMP):
-        return "XMP (beyond the first 64 kB)"
-    if marker == APP2 and content.startswith(_PICTURES):
-        return "" if xmp.has_gain_map(packet) else "further pictures"  # gain maps are named as such
-    return chunks.OTHER
+def _segments(listed: list[tuple[int, bytes, int]], metadata: Metadata) -> Iterator[Found]:
+    """Yields a part for each segment."""
+    seen: set[str] = set()
+    for marker, content, size in listed:
+        row = next((row for row in _SEGMENTS if row[0] == marker and content.startswith(row[1])), None)
+        if row is None:
+            yield Found(OTHER, size) if marker in _APPLICATION else of_coding("coding", size)
+            continue
+        _, _, name, held, otherwise = row
+        if held in _FIRST_ONLY and held in seen:
+            yield Found(OTHER, size)
+        elif held == "resolution":
+            yield picture_format.resolution_part(metadata, size)
+        elif held == "resources":
+            yield picture_format.resources_part(metadata.resources, size)
+        else:
+            yield Found(name, size, held, otherwise)
+        seen.add(held)
+
+
+def _pictures_behind(file: BinaryIO, listed: list[tuple[int, bytes, int]], metadata: Metadata) -> Iterator[Found]:
+    """Yields a part for each further picture, and one for other data behind the picture."""
+    kinds = _kinds_by_size(listed)
+    is_listed = bool(_beginning(listed, APP2, _PICTURES))
+    usual = "gain map" if xmp.has_gain_map(metadata.xmp) else PICTURES if is_listed else None
+    end = file.seek(0, io.SEEK_END) - (metadata.video.taken_from if metadata.video else 0)
+    pieces = list(chunks.pieces_behind(file, end))
+    for at, size in pieces:
+        file.seek(at)
+        if file.read(3) == b"\xff\xd8\xff":
+            head = (content for _, content in before_the_scan(file, (APP1, APP2), at))
+            name = purpose(b"".join(head)[:_LONGEST_HEAD]) or kinds.get(size) or usual or PICTURES
+        else:
+            name = usual or OTHER
+        yield Found(name, size)
+    if not pieces and usual:
+        yield Found(usual)
+
+
+def _kinds_by_size(listed: list[tuple[int, bytes, int]]) -> dict[int, str]:
+    """Names the further pictures in the list of pictures, by their length."""
+    kinds = {}
+    for content in _beginning(listed, APP2, _PICTURES):
+        tree = read_tree(io.BytesIO(content.removeprefix(_PICTURES)), most_pages=1)
+        entries = tree.data(_MP_ENTRIES) or b"" if tree else b""
+        for at in range(0, len(entries) - 15, 16):
+            kind, size = struct.unpack_from((tree.order if tree else "<") + "II", entries, at)
+            kinds[size] = _MP_KINDS.get(kind & 0xFFFFFF, PICTURES)
+    return kinds
 
 
 # ---- encoding ------------------------------------------------------------------------------------------

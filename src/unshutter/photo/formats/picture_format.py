@@ -6,13 +6,14 @@ import dataclasses
 import os
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, NamedTuple
 
 from unshutter.errors import UnshutterError
+from unshutter.inventory import Fate
 from unshutter.options.picture_formats import FormatRow
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif, regions
@@ -20,6 +21,7 @@ from unshutter.photo import resources as image_resources
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import AppendedVideo
 from unshutter.photo.libvips import Source, computed, field, libvips, refusing, set_blob
+from unshutter.photo.parts import DAMAGED, Found
 from unshutter.photo.placement import Placement
 
 if TYPE_CHECKING:
@@ -57,7 +59,7 @@ class Metadata:
     density: tuple[int, int, int] | None = None
     comments: tuple[bytes, ...] = ()  # comments of a JPEG
     video: AppendedVideo | None = None  # of a motion photo, with all other data that follow the picture in its JPEG
-    left_behind: tuple[str, ...] = ()  # names of metadata that the reader saw in the file but no writer can copy
+    found: tuple[Found, ...] = ()  # the parts of its file
 
     def moved(self, placement: Placement) -> Metadata:
         """Returns the metadata for a picture that shows everything at other places.
@@ -65,10 +67,11 @@ class Metadata:
         Places in the picture are moved, or removed and named, like those that tie pixels of another size to the earth.
         """
         blob, packet, resources = self.exif, self.xmp, self.resources
-        removed = list(self.left_behind)
+        removed = []
+        gone = []
         if placement.size != placement.new_size and (without := exif.without_geotiff(blob)) is not blob:
             blob = without
-            removed.append("GeoTIFF (the picture is cropped)")
+            gone.append(Found("GeoTIFF", reason="the picture is cropped"))
         if blob is not None:
             blob, names = exif.with_subject_moved(blob, placement)
             removed += names
@@ -78,14 +81,15 @@ class Metadata:
         if resources is not None:
             resources, names = image_resources.moved(resources, placement)
             removed += names
-        return replace(self, exif=blob, xmp=packet, resources=resources, left_behind=tuple(dict.fromkeys(removed)))
+        gone += map(Found, dict.fromkeys(removed))
+        return replace(self, exif=blob, xmp=packet, resources=resources, found=(*self.found, *gone))
 
     def without_exif_loop(self) -> Metadata:
         """Returns the metadata; EXIF whose directories contain a loop is rewritten, or left out if it cannot be."""
         if self.exif is None or not exif.has_loop(self.exif):
             return self
         blob = exif.of_tiff(exif.read(self.exif))
-        return replace(self, exif=blob, left_behind=("EXIF (damaged)", *self.left_behind))
+        return replace(self, exif=blob, found=(Found("EXIF", reason=DAMAGED), *self.found))
 
     @property
     def main_resolution(self) -> Resolution:
@@ -100,23 +104,6 @@ class Metadata:
             per_cm = (min(max(round(10 * px), 1), 65_535) for px in self.resolution[:2])
             return 2, next(per_cm), next(per_cm)
         return self.density
-
-    def lost_in(self, holds: frozenset[str]) -> Iterator[str]:
-        """Yields the names of metadata that a format cannot hold."""
-        names = {
-            "exif": "EXIF",
-            "icc": "colour profile",
-            "xmp": "XMP",
-            "resources": "IPTC" if chunks.has_iptc(self.resources or b"") else "Photoshop's data",
-            "description": "description",
-            "comments": "comment",
-            "video": "film",
-        }
-        yield from (name for attribute, name in names.items() if getattr(self, attribute) and attribute not in holds)
-        if self.resolution.is_known and "resolution" not in holds:
-            yield "resolution"
-        if "chunks" not in holds:
-            yield from chunks.lost_in_words(self.chunks, self.icc is not None)
 
 
 @dataclass(frozen=True)
@@ -249,7 +236,7 @@ _SAMPLES = {
 
 
 def readable(format: WrittenFormat, source: Source) -> Source:
-    """Hides metadata from libvips that would take it minutes or gigabytes to read."""
+    """Hides metadata from libvips that are not for it to read: EXIF with loops, texts that may be huge."""
     with suppress(OSError), source.stream() as stream:  # libvips reports errors in the file
         if places := format.hidden_markers(stream):
             stream.seek(0)
@@ -258,6 +245,17 @@ def readable(format: WrittenFormat, source: Source) -> Source:
                 copy[at : at + 4] = b"noNe"  # also a valid name of a chunk that nobody knows
             return Source(bytes(copy))
     return source
+
+
+def resolution_part(metadata: Metadata, size: int = 0) -> Found:
+    """Returns the part with the resolution, whose loss does not matter if it was never set deliberately."""
+    otherwise = Fate.LEFT_OUT if metadata.resolution.is_known else Fate.REPLACED
+    return Found("resolution", size, "resolution", otherwise)
+
+
+def resources_part(resources: bytes | None, size: int = 0) -> Found:
+    """Returns the part with Photoshop's resources."""
+    return Found("IPTC" if chunks.has_iptc(resources or b"") else "Photoshop's data", size, "resources")
 
 
 def metadata_of(image: pyvips.Image) -> Metadata:

@@ -20,21 +20,25 @@ from pathlib import Path
 from typing import BinaryIO, final
 
 from unshutter.errors import UnshutterError
+from unshutter.inventory import Fate
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif
-from unshutter.photo.chunks import COLOURS, TEXTS
+from unshutter.photo.chunks import COLOURS, TEXTS, Chunk
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, Resolution, WrittenFormat
 from unshutter.photo.libvips import Source, field, profile_of
+from unshutter.photo.parts import DAMAGED, OTHER, Found, of_coding
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
 _PIXELS = (b"IDAT", b"fdAT")
 _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
 # Chunks that belong to the encoding of the old pixels and mean nothing to a photographer: palettes, Apple's list of
 # offsets, frames of a still picture.
-_OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"iCCP", b"acTL", b"fcTL", b"iDOT"})
+_OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"sBIT", b"acTL", b"fcTL", b"iDOT"})
 _CREDENTIALS = b"caBX"
+_ELSEWHERE = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"tIME"})  # have no meaning, or are kept in another way
+_WORDS = {"exif": "EXIF", "xmp": "XMP", "resources": "IPTC", "icc": "colour profile"}
 
 
 @final
@@ -51,15 +55,11 @@ class Png(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        with source.stream() as stream:
-            own = _read_metadata(source, stream)
-            packed_profile = chunks.extent_of(stream, b"iCCP") is not None
         image = picture_format.open_image(self, source)
+        unread = Metadata(icc=field(image, "icc-profile-data"), resolution=Resolution(image.xres, image.yres))
+        with source.stream() as stream:
+            metadata = _read_metadata(source, stream, unread)
         coding = Coding(bits=field(image, "bits-per-sample", 8))
-        resolution = Resolution(image.xres, image.yres)
-        profile = own.icc or field(image, "icc-profile-data")
-        lost = () if profile or not packed_profile else ("colour profile",)
-        metadata = replace(own, icc=profile, resolution=resolution, left_behind=(*own.left_behind, *lost))
         header = picture_format.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
@@ -105,33 +105,46 @@ class Png(WrittenFormat):
         return []
 
 
-def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
-    """Reads all metadata except the profile in the chunk iCCP, which libvips decompresses, and the resolution."""
+def _read_metadata(source: Source, file: BinaryIO, unread: Metadata) -> Metadata:
+    """Reads all metadata except what libvips has read: the profile in iCCP, which is packed, and the resolution."""
     blobs: dict[str, bytes] = {}
-    carried: list[tuple[bytes, bytes]] = []
-    lost: list[str] = []
+    carried: list[Chunk] = []
+    found: list[Found] = []
     file.seek(chunks.SIGNATURE_BYTES + 16)
     depth, colour_type = file.read(2).ljust(2, b"\0")
     palette = b""
-    for name, data in chunks.chunks_of(file, skipped=_PIXELS):
+    for name, data, size in chunks.chunks_of(file, skipped=_PIXELS):
         if data is None:
-            lost.append(chunks.OTHER)
+            found.append(Found(OTHER, size))
         elif name == b"eXIf":
             blobs["exif"] = data  # takes precedence over a text
+            found.append(Found("EXIF", size, "exif"))
         elif name in TEXTS and (hidden := _metadata_in(name, data, blobs)) is not None:
             attribute, blob = hidden
-            if not blob:
-                lost.append(f"{attribute.upper()} (damaged)")
+            words = _WORDS[attribute]
+            found.append(Found(words, size, attribute) if blob else Found(words, size, reason=DAMAGED))
             blobs.setdefault(attribute, blob)
         elif name == b"PLTE":
             palette = data
+            found.append(of_coding("coding", size))
         elif name == b"acTL" and data[:4] > struct.pack(">I", 1):
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
         elif (copied := _carried(name, data, (depth, colour_type), palette)) is not None:
-            carried.append((name, copied))
-        elif name not in _OF_THE_CODING:
-            lost.append("content credentials" if name == _CREDENTIALS else chunks.OTHER)
-    return _metadata(source, blobs, carried, lost + [chunks.OTHER] * chunks.has_data_behind(file))
+            carried.append(Chunk(name, copied, size))
+        else:
+            found.append(_part(name, size, unread))
+    behind = chunks.bytes_behind_chunks(file)
+    found += [Found(OTHER, behind)] if behind else []
+    return _metadata(source, blobs, carried, found, unread)
+
+
+def _part(name: bytes, size: int, unread: Metadata) -> Found:
+    """Returns the part for a chunk that is not copied."""
+    if name == b"iCCP":
+        return Found("colour profile", size, "icc" if unread.icc else "")
+    if name in _OF_THE_CODING:
+        return of_coding("coding", size)
+    return Found("content credentials" if name == _CREDENTIALS else OTHER, size)
 
 
 def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) -> bytes | None:
@@ -141,19 +154,41 @@ def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) 
     return data if name in _CARRIED or chunks.is_safe_to_copy(name) else None
 
 
-def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes, bytes]], lost: list[str]) -> Metadata:
-    """Builds the metadata from blobs by attribute, copied chunks, and names of what is lost."""
-    code_points = dict(carried).get(b"cICP", b"")
+def _carried_part(name: bytes, size: int, has_colours: bool, metadata: Metadata) -> Found:
+    """Returns the part for the chunks of a name that are copied to PNG."""
+    if name == b"pHYs":
+        return picture_format.resolution_part(metadata, size)
+    if name in TEXTS:
+        return Found("texts", size, "chunks")
+    if name in _ELSEWHERE:
+        is_lost = has_colours and name in (b"gAMA", b"cHRM")
+        return Found("colours", size, "chunks", Fate.LEFT_OUT if is_lost else Fate.REPLACED)
+    return Found(OTHER, size, "chunks")
+
+
+def _metadata(
+    source: Source, blobs: dict[str, bytes], carried: list[Chunk], found: list[Found], unread: Metadata
+) -> Metadata:
+    """Builds the metadata from blobs by attribute, copied chunks, and the parts that are not copied."""
+    by_name = {name: data or b"" for name, data, _ in carried}
+    code_points = by_name.get(b"cICP", b"")
     profile = profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
-    metadata = Metadata(
+    metadata = replace(
+        unread,
         exif=blobs.get("exif") or None,
-        icc=profile or blobs.get("icc") or None,
+        icc=profile or blobs.get("icc") or unread.icc,
         xmp=blobs.get("xmp") or None,
         resources=blobs.get("resources") or None,
-        chunks=tuple(carried),
-        left_behind=tuple(dict.fromkeys(lost)),
+        chunks=tuple((name, data or b"") for name, data, _ in carried),
     )
-    return metadata.without_exif_loop()
+    has_colours = metadata.icc is None and not chunks.are_usual(by_name)
+    found += [_carried_part(name, size, has_colours, metadata) for name, _, size in carried]
+    if any(part.held == "resources" for part in found):
+        found = [
+            picture_format.resources_part(metadata.resources, part.size) if part.held == "resources" else part
+            for part in found
+        ]
+    return replace(metadata, found=tuple(found)).without_exif_loop()
 
 
 def _background(data: bytes, depth: int, colour_type: int, palette: bytes) -> bytes | None:

@@ -34,6 +34,7 @@ from unshutter.photo import boxes, chunks, exif, maker_notes, xmp
 from unshutter.photo.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Entry, Tree, read_tree
 from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata
 from unshutter.photo.libvips import Source, libvips
+from unshutter.photo.parts import OTHER, Found
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,13 +69,13 @@ class Raw(Format):
             sizes = raw.sizes
         with source.stream() as stream:
             tree = read_tags(stream)
-            left_behind = tuple(_left_behind(stream, tree))
+            found = tuple(_unread(stream, tree))
         metadata = Metadata(
             exif=exif_of(tree) if tree else None,
             icc=libvips().Image.profile_load("srgb"),
             xmp=(tree.data(xmp.TIFF_TAG) or None) if tree else None,
             resources=chunks.resources_of_tiff(tree) if tree else None,
-            left_behind=left_behind,
+            found=found,
         )
         orientation = Orientation(_ORIENTATIONS[sizes.flip & 7])
         return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, orientation, metadata)
@@ -241,23 +242,23 @@ def _whole_exif(tree: Tree) -> bytes | None:
     return whole if exif.read(whole) else None
 
 
-def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
-    """Yields the names of metadata in a raw file that cannot be read here."""
+def _unread(file: BinaryIO, tree: Tree | None) -> Iterator[Found]:
+    """Yields the metadata in a raw file that cannot be read here; all the rest is of the sensor and its previews."""
     if tree is None:
-        yield "EXIF"
+        yield Found("EXIF")
     elif _PRIVATE_DATA in tree.pages[0]:
-        yield chunks.OTHER
+        yield Found(OTHER)
     if tree is not None and _whole_exif(tree) is None and maker_notes.is_incomplete(tree):
-        yield "parts of the maker's note"
+        yield Found("parts of the maker's note")
     file.seek(0)
     if file.read(12)[4:] == b"ftypcrx ":
         extents = list(boxes.top_level_extents(file))
         if any(name == b"CMT3" for name, _ in boxes.inside(_canon_box(file))):
-            yield "maker's note"
+            yield Found("maker's note")
         for name, start, _ in extents:
             file.seek(start)
             if name == b"uuid" and file.read(16) == _CANON_XMP:
-                yield "XMP"
+                yield Found("XMP")
 
 
 def _canon_box(file: BinaryIO) -> bytes:

@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import chunks, exif, maker_notes
+from unshutter.inventory import Fate
+from unshutter.photo import chunks, exif, maker_notes, xmp
 from unshutter.photo.directories import SUBFILE_TYPE, Entry, Tree, read_tree
 from unshutter.photo.formats import picture_format
-from unshutter.photo.formats.picture_format import Coding, Header, Picture, Resolution, WrittenFormat
+from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, Resolution, WrittenFormat
 from unshutter.photo.libvips import Source, field
+from unshutter.photo.parts import OTHER, Found, of_coding
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,10 +33,14 @@ _OLD_JPEG, _JPEG = 6, 7  # compressions
 _COLOURS: dict[int | None, int] = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}
 # meanings of an extra sample but 0, which is unspecified
 _TRANSPARENCY = (1, 2)  # for 1, libvips undoes the premultiplication
-_PRIVATE = 0x8000
 _LAYERS = 0x935C
-_ICC = 0x8773
-_CARRIED = {chunks.IPTC_TAG, chunks.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
+_OF_RESOURCES = {chunks.IPTC_TAG, chunks.RESOURCES_TAG}
+_HELD = {0x8773: ("colour profile", "icc"), xmp.TIFF_TAG: ("XMP", "xmp")}  # name, attribute of ``Metadata``
+# Tags that describe the encoding of the pixels, or smaller copies of them (TIFF 6.0; 330, 347); padding by Windows
+_CODING_TAGS = frozenset(
+    {0xEA1C, *range(0xFE, 0x10B), 0x111, 0x112, *range(0x115, 0x11A), 0x11C, *range(0x120, 0x126), 0x128, 0x12D, 0x13D}
+    | {*range(0x140, 0x14B), *range(0x14C, 0x157), *range(0x158, 0x15C), *range(0x200, 0x20A), *range(0x211, 0x215)}
+)
 _SHORT, _FRACTION = 3, 5  # TIFF types
 _MOST_PARTS = 1000  # maximum denominator: 9000/127 per centimetre are 180 per inch
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
@@ -67,11 +74,9 @@ class Tiff(WrittenFormat):
         metadata = picture_format.metadata_of(image)
         if exif.has_no_resolution_unit(tree):  # libvips reads that as pixels per millimetre
             metadata = replace(metadata, resolution=Resolution())
-        lost = [*_unknown_tags(tree), *(["parts of the maker's note"] if maker_notes.is_incomplete(tree) else [])]
         resources = chunks.resources_of_tiff(tree)
-        metadata = replace(
-            metadata, exif=exif.of_tiff(tree), resources=resources, description=None, left_behind=tuple(lost)
-        )
+        metadata = replace(metadata, exif=exif.of_tiff(tree), resources=resources, description=None)
+        metadata = replace(metadata, found=tuple(_parts(tree, metadata)))
         kinds = [tree.number(SUBFILE_TYPE, page=page) or 0 for page in range(len(tree.pages))]
         pictures = sum(not kind & (_SMALLER_COPY | _MASK) for kind in kinds)
         return picture_format.header(self, source, image, coding, metadata, pictures)
@@ -100,7 +105,12 @@ class Tiff(WrittenFormat):
         if picture.masked:  # libvips declares it as transparency
             more[_EXTRA_SAMPLES] = Entry(_SHORT, 1, struct.pack("=H", 0))
         if exif.add_to_tiff(file, metadata.exif, image.height, image.width, more):
-            return _unknown_tags(exif.read(metadata.exif))
+            unplaced = exif.read(metadata.exif).pages[0].keys() - _HELD.keys() - set(exif.RESOLUTION) - _OF_RESOURCES
+            return [
+                part.name
+                for part in map(_own_part, sorted(unplaced))
+                if part.otherwise is Fate.LEFT_OUT and not part.held
+            ]
         return ["EXIF and IPTC (the TIFF is too large)"]
 
 
@@ -134,7 +144,30 @@ def _extra_samples(tree: Tree) -> int:
     return samples - _COLOURS.get(tree.number(exif.PHOTOMETRIC), samples)
 
 
-def _unknown_tags(tree: Tree) -> list[str]:
-    """Names private tags that no TIFF result contains; lower tags are copied, or belong to the old encoding."""
-    unknown = {tag for tag in tree.pages[0] if tag >= _PRIVATE and tag not in _CARRIED and not exif.is_carried(tag)}
-    return ["Photoshop's layers"] * (_LAYERS in unknown) + [chunks.OTHER] * bool(unknown - {_LAYERS})
+def _parts(tree: Tree, metadata: Metadata) -> Iterator[Found]:
+    """Yields a part for each tag of the first page, and one for each further page."""
+    for tag, entry in tree.pages[0].items():
+        size = len(entry.data) if isinstance(entry, Entry) else 0
+        if tag in exif.RESOLUTION:
+            yield picture_format.resolution_part(metadata, size)
+        elif tag in _OF_RESOURCES:
+            yield picture_format.resources_part(metadata.resources, size)
+        elif tag in _HELD:
+            name, held = _HELD[tag]
+            yield Found(name, size, held)
+        else:
+            yield _own_part(tag, size)
+    if maker_notes.is_incomplete(tree):
+        yield Found("parts of the maker's note")
+    for page in range(1, len(tree.pages)):
+        kind = tree.number(SUBFILE_TYPE, page=page) or 0
+        yield Found("mask channel") if kind & _MASK else of_coding("thumbnail")
+
+
+def _own_part(tag: int, size: int = 0) -> Found:
+    """Returns the part for a tag without a place of its own in metadata."""
+    if exif.is_carried(tag):
+        return Found("EXIF", size, "exif")
+    if tag in _CODING_TAGS:
+        return of_coding("coding", size)
+    return Found("Photoshop's layers" if tag == _LAYERS else OTHER, size)

@@ -12,14 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, final
 
-from unshutter.photo.chunks import OTHER
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source
+from unshutter.photo.parts import OTHER, Found, of_coding
 
 _METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is a misspelling by some programs
-_OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
+_OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ANIM", b"ANMF"})
 _LONGEST = 1 << 28  # maximum size of a chunk to read [bytes]
 
 
@@ -102,22 +102,28 @@ def _data(file: BinaryIO, at: int, size: int) -> bytes:
 
 
 def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """Completes the metadata that libvips found, which misses chunks not announced in the header, and misspelt XMP."""
+    """Completes the metadata that libvips found, which misses chunks not announced in the header, and misspelt XMP.
+
+    Lists the parts of the file, too.
+    """
     blobs: dict[str, bytes] = {}
-    lost: list[str] = []
+    found: list[Found] = []
     for name, at, size in _chunks(file):
+        whole = 8 + size + size % 2
         attribute = _METADATA.get(name)
         if attribute is not None and attribute not in blobs:
             blobs[attribute] = _data(file, at, size)
-        elif name not in _OF_THE_CODING:
-            lost.append(OTHER)
+            found.append(Found(attribute.upper(), whole, attribute))
+        elif name == b"ICCP":
+            found.append(Found("colour profile", whole, "icc"))
+        else:
+            found.append(of_coding("coding", whole) if name in _OF_THE_CODING else Found(OTHER, whole))
     file.seek(4)
     file.seek(8 + int.from_bytes(file.read(4), "little"))  # to the end that the header states
-    if file.read(_LONGEST).strip(b"\0"):
-        lost.append(OTHER)
+    behind = len(file.read(_LONGEST).strip(b"\0"))
     return replace(
         metadata,
         exif=blobs.get("exif") or None,
         xmp=metadata.xmp or blobs.get("xmp") or None,
-        left_behind=tuple(dict.fromkeys(lost)),
+        found=(*found, Found(OTHER, behind)) if behind else tuple(found),
     )
