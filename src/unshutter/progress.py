@@ -117,7 +117,8 @@ def in_columns(rows: Sequence[Sequence[str]], right: int | None = None) -> str:
     """Formats rows of texts, one a line, in columns of which one may be aligned to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     sides = [str.rjust if k == right else str.ljust for k in range(len(widths))]
-    lines = ("  ".join(side(*each) for side, *each in zip(sides, row, widths, strict=True)) for row in rows)
+    cells = [zip(sides, row, widths, strict=True) for row in rows]
+    lines = ("  ".join(side(text, width) for side, text, width in row) for row in cells)
     return "\n".join(line.rstrip() for line in lines)
 
 
