@@ -6,10 +6,12 @@ import struct
 import pytest
 
 from support.drawn_photos import drawn, encoded
+from support.maker_notes import directory
 from unshutter.photo import Photo, exif, maker_notes
 from unshutter.photo.directories import EXIF, EXIF_PREFIX, MAKER_NOTE, Entry, Tree, read_tree
 
 NIKON = b"Nikon\0\2\x10\0\0"
+PLACE = 8 + 2 + 2 * 12 + 4 + len("Acme Optics\0") + 2 + 12 + 4  # of a note in the EXIF below
 VALUES = {7: b"lens 24-70 mm\0", 9: b"serial number 0123456789\0", 12: struct.pack("<9H", *range(9))}
 
 
@@ -26,11 +28,13 @@ def note_at(place: int, order: str, name: bytes = b"", footer: bool = False) -> 
 
 def jpeg_with_note(order: str, name: bytes, footer: bool) -> bytes:
     """A JPEG whose EXIF has a note of that kind."""
-    place = 8 + 2 + 2 * 12 + 4 + len("Acme Optics\0") + 2 + 12 + 4
-    note = note_at(place, order, name, footer)
-    directory = {0x010F: Entry(2, 12, b"Acme Optics\0"), EXIF: {MAKER_NOTE: Entry(7, len(note), note)}}
-    blob = exif.of_tiff(Tree(order, [directory]))
-    assert blob is not None and blob.index(note) == len(EXIF_PREFIX) + place
+    return jpeg_with_note_bytes(note_at(PLACE, order, name, footer), order)
+
+
+def jpeg_with_note_bytes(note: bytes, order: str = "<") -> bytes:
+    tags = {0x010F: Entry(2, 12, b"Acme Optics\0"), EXIF: {MAKER_NOTE: Entry(7, len(note), note)}}
+    blob = exif.of_tiff(Tree(order, [tags]))
+    assert blob is not None and blob.index(note) == len(EXIF_PREFIX) + PLACE
     return encoded(drawn(), "JPEG", exif=blob)
 
 
@@ -42,6 +46,21 @@ def values_in(data: bytes, name: bytes, order: str) -> tuple[int, dict[int, byte
     (count,) = struct.unpack_from(order + "H", data, at)
     rows = (struct.unpack_from(order + "HHII", data, at + 2 + 12 * i) for i in range(count))
     return tree.note_at, {tag: data[offset : offset + size] for tag, _, size, offset in rows if size > 4}
+
+
+def test_an_entry_without_values_does_not_hide_the_others() -> None:
+    """Exiv2 leaves such entries when it removes a preview; Canon's owner may be one."""
+    values = [(1, 7, bytes(range(60))), (0x2001, 7, b""), (0x2002, 7, bytes(range(60, 160)))]
+    note = b"SONY DSC \0\0\0" + directory("<", PLACE + 12, *values)
+    photo = Photo.from_bytes(jpeg_with_note_bytes(note))
+    _, found = values_in(photo.encode("tiff").data, b"SONY DSC \0\0\0", "<")
+    assert found == {1: bytes(range(60)), 0x2002: bytes(range(60, 160))}
+
+
+def test_a_note_with_its_own_header_is_never_adjusted() -> None:
+    note = b"OLYMPUS\0II\3\0" + directory("<", 12, (1, 7, bytes(range(60)))) + bytes(300)
+    for was_at in (0, 20, 200):  # its offset might also be one from the start of EXIF
+        assert maker_notes.move_note(note, "<", was_at, 5000) == note
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
