@@ -15,11 +15,15 @@ from support.covering import covering, thorough
 from support.tagged_files import image_resources, jpeg_with
 from unshutter import RowMotion, rectify
 from unshutter.export import PixelMap
+from unshutter.inventory import Fate
 from unshutter.motion.grid import Tile
+from unshutter.options import Save
 from unshutter.orientation import Orientation
 from unshutter.photo import Photo, exif, regions, resources
 from unshutter.photo.directories import EXIF
+from unshutter.photo.formats import WRITTEN
 from unshutter.photo.placement import Box, Placement
+from unshutter.photo.saving import encode_with_parts
 from unshutter.reasons import Code
 from unshutter.rectification.rectified import placement
 
@@ -335,3 +339,5 @@ def test_places_survive_where_nothing_moves() -> None:
     assert photo.with_pixels(photo.pixels.copy())._metadata == photo._metadata
     cropped = photo.with_pixels(photo.pixels[:, 10:].copy())  # nobody says which part that is
     assert set(cropped.encode("jpeg").left_out) == {"regions", "subject area"}
+    _, parts = encode_with_parts(cropped, WRITTEN["jpeg"], Save())
+    assert {part.name for part in parts if part.fate is Fate.TRANSFORMED} == {"EXIF", "XMP", "resolution"}

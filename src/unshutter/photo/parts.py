@@ -34,6 +34,12 @@ def of_coding(name: str, size: int = 0) -> Found:
     return Found(name, size, otherwise=Fate.REPLACED)
 
 
+def without(found: tuple[Found, ...], held: str, name: str, reason: str = "") -> tuple[Found, ...]:
+    """Returns the parts where what an attribute holds is left out for a reason: there is at least one of that name."""
+    gone = (part._replace(held="", otherwise=Fate.LEFT_OUT, reason=reason) for part in found if part.held == held)
+    return *(part for part in found if part.held != held), *(list(gone) or [Found(name, reason=reason)])
+
+
 def lost(names: Iterable[str]) -> Iterator[Part]:
     """Yields parts that are left out."""
     return (Part(name, Fate.LEFT_OUT) for name in names)

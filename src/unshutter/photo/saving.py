@@ -20,7 +20,7 @@ from unshutter.photo import chunks, exif, xmp
 from unshutter.photo.formats import WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
-from unshutter.photo.parts import DAMAGED, Found, lost
+from unshutter.photo.parts import DAMAGED, Found, lost, without
 from unshutter.storage.files import Times, check_target, written_whole
 from unshutter.storage.locations import RunFiles
 from unshutter.storage.opened import Opened
@@ -166,10 +166,8 @@ def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Pictu
 def _parts(before: Metadata, after: Metadata, format: WrittenFormat) -> list[Part]:
     """Returns what becomes of the parts of a file, given the metadata that are written."""
     changed = [name for name in format.holds if getattr(before, name) != getattr(after, name)]
-    gone = {name for name in changed if getattr(after, name) is None}
-    kept = format.holds - gone
-    changed.append("resolution")  # written in another form
-    return [found.part(kept, changed) for found in after.found if found.held not in gone]
+    changed += ["resolution", *after.moved_in]  # the former is written in another form
+    return [found.part(format.holds, changed) for found in after.found]
 
 
 def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> Metadata:
@@ -177,33 +175,32 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     image = picture.image
     metadata = picture.metadata
     orientation = picture.orientation
-    gone: list[Found] = []
+    found = metadata.found
     packet = metadata.xmp
     resources = metadata.resources
     if packet is not None:
         video = metadata.video if "video" in format.holds else None
-        gone += xmp.lost(packet, video is not None)
+        found = (*found, *xmp.lost(packet, video is not None))
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.updated(
             packet, xmp.NextPicture(image.height, image.width, xmp_orientation, is_new, video and video.place)
         )
         if packet is None:
-            gone.append(Found("XMP", reason=DAMAGED))
+            found = without(found, "xmp", "XMP", DAMAGED)
     if is_new and resources is not None:
         resources = chunks.without_thumbnails(resources)
     blob = metadata.exif
     profile = metadata.icc
     if profile is not None and profile[16:20] not in (b"RGB ", b"GRAY"):  # libvips would leave it out
-        gone.append(Found("colour profile"))
+        found = without(found, "icc", "colour profile")
         profile = None
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
             blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
-            gone += [] if exif.has_thumbnail(blob) else [Found("thumbnail")]
+            found += () if exif.has_thumbnail(blob) else (Found("thumbnail"),)
     blob = exif.with_orientation(blob, orientation)
-    found = (*metadata.found, *gone)
     return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources, found=found)
 
 

@@ -23,7 +23,7 @@ from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source, field, in_plain_words, memory_returned, profile_of, threads
-from unshutter.photo.parts import DAMAGED, Found
+from unshutter.photo.parts import DAMAGED, without
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,7 +55,7 @@ class Avif(WrittenFormat):
         blob = exif.with_header(read.exif)
         if picture_format.readable(self, source) is not source:
             blob = None
-            found = (Found("EXIF", reason=DAMAGED), *found)
+            found = without(found, "exif", "EXIF", DAMAGED)
         metadata = replace(read, exif=blob, icc=profile, found=found)
         header = picture_format.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)

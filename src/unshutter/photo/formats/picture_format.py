@@ -21,7 +21,7 @@ from unshutter.photo import resources as image_resources
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import AppendedVideo
 from unshutter.photo.libvips import Source, computed, field, libvips, refusing, set_blob
-from unshutter.photo.parts import DAMAGED, Found
+from unshutter.photo.parts import DAMAGED, Found, without
 from unshutter.photo.placement import Placement
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class Metadata:
     comments: tuple[bytes, ...] = ()  # comments of a JPEG
     video: AppendedVideo | None = None  # of a motion photo, with all other data that follow the picture in its JPEG
     found: tuple[Found, ...] = ()  # the parts of its file
+    moved_in: frozenset[str] = frozenset()  # attributes in which places were moved or removed
 
     def moved(self, placement: Placement) -> Metadata:
         """Returns the metadata for a picture that shows everything at other places.
@@ -82,14 +83,16 @@ class Metadata:
             resources, names = image_resources.moved(resources, placement)
             removed += names
         gone += map(Found, dict.fromkeys(removed))
-        return replace(self, exif=blob, xmp=packet, resources=resources, found=(*self.found, *gone))
+        now = {"exif": blob, "xmp": packet, "resources": resources}
+        moved_in = frozenset(name for name, value in now.items() if value != getattr(self, name))
+        return replace(self, **now, found=(*self.found, *gone), moved_in=moved_in)
 
     def without_exif_loop(self) -> Metadata:
         """Returns the metadata; EXIF whose directories contain a loop is rewritten, or left out if it cannot be."""
         if self.exif is None or not exif.has_loop(self.exif):
             return self
         blob = exif.of_tiff(exif.read(self.exif))
-        return replace(self, exif=blob, found=(Found("EXIF", reason=DAMAGED), *self.found))
+        return replace(self, exif=blob, found=without(self.found, "exif", "EXIF", DAMAGED))
 
     @property
     def main_resolution(self) -> Resolution:
