@@ -144,6 +144,14 @@ def test_exif_about_as_long_as_a_segment_can_be_is_written_whole_or_named(length
     assert kept == (0 if file.left_out else length)
 
 
+@pytest.mark.parametrize("length", [59_999, 60_001, 65_504, 65_505])
+def test_long_xmp_is_written_whole_or_named(length: int) -> None:
+    packet = b"<x:xmpmeta xmlns:x='adobe:ns:meta/'/>".ljust(length)
+    file = Photo.from_bytes(encoded(drawn(8, 8), "WEBP", xmp=packet)).encode("jpeg")
+    assert file.left_out == (("XMP (too long for a JPEG)",) if length > 65_504 else ())
+    assert (packet in file.data) == (length <= 65_504)
+
+
 @pytest.mark.parametrize("target", ["jpeg", "png", "webp", "tiff", "avif"])
 def test_much_exif_takes_no_time(target) -> None:
     source = encoded(drawn(), "PNG", exif=long_exif(9 << 20))

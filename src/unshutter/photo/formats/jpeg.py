@@ -52,6 +52,7 @@ _LUMINANCE = (
 )
 
 _JFIF = b"JFIF\0"
+_LONGEST_XMP_BY_LIBVIPS = 60_000  # bytes; it leaves out longer ones
 _PICTURES = b"MPF\0"
 _FIRST_ONLY = ("exif", "xmp")  # attributes that hold one segment
 # Segments whose content is known: marker, first bytes, name, attribute of ``Metadata`` that holds it, fate otherwise.
@@ -116,7 +117,7 @@ class Jpeg(WrittenFormat):
         """See WrittenFormat."""
         metadata = picture.metadata
         coding = picture.coding
-        packet = None if _is_too_long(metadata.xmp) else metadata.xmp
+        packet = metadata.xmp if len(metadata.xmp or b"") <= _LONGEST_XMP_BY_LIBVIPS else None
         written = replace(picture, metadata=replace(metadata, exif=None, xmp=packet))
         options = {
             "Q": picture.quality or coding.quality or self.row.usual_quality,
@@ -132,8 +133,11 @@ class Jpeg(WrittenFormat):
         if metadata.exif is not None:
             blob, left_out = exif.shortened(EXIF_PREFIX + metadata.exif.removeprefix(EXIF_PREFIX), chunks.LONGEST)
             added += b"" if blob is None else chunks.encoded_segment(APP1, blob)
-        if _is_too_long(metadata.xmp):
+        packet = XMP_PREFIX + (metadata.xmp or b"")
+        if len(packet) > chunks.LONGEST:
             left_out.append("XMP (too long for a JPEG)")
+        elif len(metadata.xmp or b"") > _LONGEST_XMP_BY_LIBVIPS:
+            added += chunks.encoded_segment(APP1, packet)
         added += b"".join(chunks.encoded_segment(APP13, part) for part in chunks.split_resources(metadata.resources))
         added += b"".join(chunks.encoded_segment(COMMENT, comment) for comment in metadata.comments)
         file.seek(2)
@@ -153,10 +157,6 @@ class Jpeg(WrittenFormat):
 
 
 # ---- metadata ------------------------------------------------------------------------------------------
-
-
-def _is_too_long(packet: bytes | None) -> bool:
-    return packet is not None and len(packet) + len(XMP_PREFIX) > chunks.LONGEST
 
 
 def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
