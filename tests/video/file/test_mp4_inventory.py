@@ -1,6 +1,7 @@
 """What an MP4 or QuickTime file holds besides its film is carried byte for byte, or named."""
 
 import io
+import json
 import random
 import struct
 
@@ -167,6 +168,30 @@ def test_descriptions_of_the_film_are_carried(films, extra):
     result, parts = replaced(data, films[2])
     assert extra in result and not left_out(parts)
     check(data, result, films[2])
+
+
+def test_the_clean_aperture_is_moved_with_a_part_of_the_frames(films, tmp_path):
+    """It showed columns 8 to 188 and rows 8 to 128; of columns 16 to 176 and rows 12 to 132, these are all, and 116."""
+    part = [grey[12:132, 16:176] for grey in GREYS]
+    new = clips.write(tmp_path / "new.mp4", part).read_bytes()
+    result, _ = replaced(with_entry_boxes(films[0], CLAP), new, corner=(16, 12))
+    assert box(b"clap", struct.pack(">IIIIiIiI", 160, 1, 116, 1, 0, 1, -2, 1)) in result
+
+
+def test_a_film_without_its_dolby_vision_is_not_called_so(tmp_path, capsys):
+    quiet = {"x265-params": "log-level=none"}
+    made = clips.write(tmp_path / "made.mp4", clips.moving(16)[1], "libx265", options=quiet, tag="hvc1")
+    source = tmp_path / "in.mp4"
+    source.write_bytes(with_entry_boxes(made.read_bytes(), box(b"dvcC", bytes(24))).replace(b"hvc1", b"dvh1"))
+    log = tmp_path / "log.json"
+    assert main(["video", str(source), "-o", str(tmp_path / "out.mp4"), *clips.KNOWN, "--json-log", str(log)]) == 0
+    assert capsys.readouterr().err.count("Dolby Vision") == 1
+    result = (tmp_path / "out.mp4").read_bytes()
+    assert b"hvc1" in result and b"dvh1" not in result and b"dvcC" not in result
+    (parts,) = [json.loads(line)["parts"] for line in log.read_text().splitlines() if "parts" in line]
+    fates = {part["name"]: part["fate"] for part in parts}
+    assert fates["Dolby Vision"] == "left out" and fates["box 'ftyp'"] == "carried"
+    assert fates["track 1 ('vide', 'dvh1')"] == "replaced"
 
 
 @pytest.mark.parametrize(

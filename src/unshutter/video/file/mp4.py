@@ -148,7 +148,7 @@ class Track:
 
     def packets(self) -> list[Chunk]:
         """Returns the samples of the track in order, as chunks of one sample; raises like :meth:`chunks`."""
-        sizes, per_chunk, offsets, times = self._tables()
+        sizes, per_chunk, offsets, times = self._tables
         ends = np.concatenate([[0], np.cumsum(sizes)])
         before = ends[np.concatenate([[0], np.cumsum(per_chunk)])[:-1]]  # each chunk
         starts = np.repeat(offsets - before, per_chunk) + ends[:-1]
@@ -156,16 +156,24 @@ class Track:
 
     def chunks(self) -> list[Chunk]:
         """Returns the chunks of the track in order; raises NotPlainError if its tables are damaged."""
-        sizes, per_chunk, offsets, times = self._tables()
-        first = np.concatenate([[0], np.cumsum(per_chunk)])
-        ends = np.concatenate([[0], np.cumsum(sizes)])
+        _, per_chunk, _, times = self._tables
+        starts, ends = self.places
+        first = np.concatenate([[0], np.cumsum(per_chunk)])[:-1]
         return [
-            Chunk(float(times[first[k]]), int(offsets[k]), int(ends[first[k + 1]] - ends[first[k]]))
-            for k in range(len(offsets))
+            Chunk(*each) for each in zip(times[first].tolist(), starts.tolist(), (ends - starts).tolist(), strict=True)
         ]
 
+    @cached_property
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where each chunk begins and ends in the file [bytes]; raises like :meth:`chunks`."""
+        sizes, per_chunk, offsets, _ = self._tables
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        lengths = np.diff(ends[np.concatenate([[0], np.cumsum(per_chunk)])])
+        return offsets, offsets + lengths
+
+    @cached_property
     def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Returns sizes of samples, samples per chunk, offsets of chunks [bytes] and times of samples [s]."""
+        """Sizes of samples, samples per chunk, offsets of chunks [bytes] and times of samples [s]."""
         try:
             table = dict(inside(self.part(*STBL)))
             offsets = (

@@ -43,7 +43,8 @@ def sample_ranges(track: Track) -> list[Range]:
         entries = inside(track.part(b"mdia", b"minf", b"dinf", b"dref")[8:])
         if any(len(entry) > _LONGEST_EMPTY and not entry[3] & 1 for _, entry in entries):
             raise NotPlainError("its samples are in another file")
-    return [(start, start + size) for _, start, size in track.chunks() if size]
+    starts, ends = track.places
+    return [(start, end) for start, end in zip(starts.tolist(), ends.tolist(), strict=True) if end > start]
 
 
 def merged(ranges: Iterable[Range]) -> list[Range]:
@@ -63,7 +64,8 @@ def without(ranges: Iterable[Range], taken: Iterable[Range]) -> Iterator[list[Ra
     ends = [end for _, end in whole]
     for start, end in ranges:
         pieces = []
-        for first, last in whole[bisect_right(ends, start) :]:
+        for place in range(bisect_right(ends, start), len(whole)):
+            first, last = whole[place]
             if first >= end:
                 break
             if start < first:
@@ -76,10 +78,10 @@ def without(ranges: Iterable[Range], taken: Iterable[Range]) -> Iterator[list[Ra
 
 def loose(movie: Movie) -> list[Range]:
     """Returns the ranges that no table of samples covers: between them, in other boxes, and behind the last box."""
-    covered = [each for track in movie.tracks for each in sample_ranges(track)]
+    covered = merged(each for track in movie.tracks for each in sample_ranges(track))
     boxes = []
     for each in movie.boxes:
-        is_empty = each.name != b"mdat" and list(without([each[2:]], covered)) == [[each[2:]]]
+        is_empty = each.name != b"mdat" and next(without([each[2:]], covered)) == [each[2:]]
         boxes += [(each.head if is_empty else each.start, each.end)] * (each.name != b"moov")
     behind = (movie.boxes[-1].end, movie.length)
     return [piece for pieces in without([*boxes, behind], covered) for piece in pieces]
@@ -205,8 +207,11 @@ def audit(before: Movie, after: Movie, film: Track) -> list[str]:
 
     It reads all bytes of both but the film's, and does not know how the second one was written.
     """
-    lost = [] if _digest(before, loose(before)) == _digest(after, loose(after)) else ["data that no track lists"]
-    if _boxes(before) != _boxes(after):
+    ranges = loose(before), loose(after)
+    lost = []
+    if _digest(before, ranges[0], ranges[0]) != _digest(after, ranges[1], ranges[1]):
+        lost.append("data that no track lists")
+    if _boxes(before, ranges[0]) != _boxes(after, ranges[1]):
         lost.append("boxes of moov")
     new = {track.number: track for track in after.tracks}
     for track in before.tracks:
@@ -218,12 +223,12 @@ def audit(before: Movie, after: Movie, film: Track) -> list[str]:
             lost += [] if mp4_film.kept(track) <= mp4_film.kept(other) else [f"descriptions of {name}"]
         elif _masked(track) != _masked(other):
             lost.append(f"tables of {name}")
-        elif _digest(before, sample_ranges(track)) != _digest(after, sample_ranges(other)):
+        elif _digest(before, sample_ranges(track), []) != _digest(after, sample_ranges(other), []):
             lost.append(f"samples of {name}")
     return lost
 
 
-def _digest(movie: Movie, ranges: list[Range]) -> bytes:
+def _digest(movie: Movie, ranges: list[Range], unlisted: list[Range]) -> bytes:
     """Returns a digest of the bytes in ranges, but for what signs the file, and for places that it lists."""
     tables = {each.head: each for each in movie.boxes if each.name not in (b"moov", b"mdat")}
     signed = {each.head for each in signatures(movie)}
@@ -233,20 +238,19 @@ def _digest(movie: Movie, ranges: list[Range]) -> bytes:
         if holder is not None and start in signed:
             continue
         if holder is not None and end - start <= LONGEST_TABLE:
-            digest.update(_listless(holder.name, movie.read_at(holder.start, holder.end - holder.start), loose(movie)))
+            digest.update(_listless(holder.name, movie.read_at(holder.start, holder.end - holder.start), unlisted))
             continue
         for at in range(start, end, _BLOCK):
             digest.update(movie.read_at(at, min(end - at, _BLOCK)))
     return digest.digest()
 
 
-def _boxes(movie: Movie) -> list[tuple[bytes, bytes]]:
+def _boxes(movie: Movie, unlisted: list[Range]) -> list[tuple[bytes, bytes]]:
     """Returns the boxes of ``moov`` that are not tracks, without the places that they list."""
-    ranges = loose(movie)
     found = []
     for name, content in movie.others:
         inner = inside(content) if name == b"udta" else [(name, content)]
-        found += [(each, _listless(each, data, ranges)) for each, data in inner]
+        found += [(each, _listless(each, data, unlisted)) for each, data in inner]
     return found
 
 

@@ -24,7 +24,6 @@ from unshutter.video.file.mp4 import (
     STBL,
     Chunk,
     Movie,
-    NotPlainError,
     TopBox,
     Track,
     box,
@@ -38,6 +37,7 @@ from unshutter.video.file.mp4_inventory import (
     PlaceTable,
     Range,
     loose,
+    merged,
     sample_ranges,
     signatures,
     without,
@@ -85,11 +85,23 @@ class Places:
 
 def can_take(movie: Movie, number: int) -> bool:
     """Whether a file can be written with other frames in the track with an ID."""
+    holders = [each for each in movie.boxes if each.name != b"moov"]
     try:
-        _film_changes(movie, movie.track(number), [Chunk(0.0, 0, 0)])
+        others = [sample_ranges(track) for track in movie.tracks if track.number != number]
+        film = sample_ranges(movie.track(number))
     except DAMAGE:
         return False
-    return True
+    taken = merged(each for ranges in others for each in ranges)
+    starts, ends = np.array([*film, *taken], np.int64).reshape(-1, 2).T
+    place = np.searchsorted([each.start for each in holders], starts, "right")
+    are_inside = (place > 0) & (ends <= np.array([0, *(each.end for each in holders)])[place])
+    has_own = _length(merged([*film, *taken])) > _length(taken)
+    has_each_once = _length(film) == _length(merged(film)) and len(others) + 1 == len(movie.tracks)
+    return bool(are_inside.all()) and has_own and has_each_once
+
+
+def _length(ranges: list[Range]) -> int:
+    return sum(end - start for start, end in ranges)
 
 
 def write_with_video(
@@ -159,43 +171,32 @@ def _picture_kind(picture: bytes) -> int:
 
 
 def _film_changes(movie: Movie, film: Track, samples: list[Chunk]) -> list[_Change]:
-    """Returns the changes that put new samples where the film's were at their time; raises NotPlainError."""
-    others = [track for track in movie.tracks if track.number != film.number]
-    if len(others) + 1 != len(movie.tracks):
-        raise NotPlainError("two tracks with one ID")
-    taken = [each for track in others for each in sample_ranges(track)]
+    """Returns the changes that put new samples where the film's were at their time."""
+    taken = [each for track in movie.tracks if track.number != film.number for each in sample_ranges(track)]
     chunks = film.chunks()
     changes: list[_Change] = []
     of_chunk = []  # the number of each chunk's change
     for pieces in without([(start, start + size) for _, start, size in chunks], taken):
-        changes += [_Change(*piece) for piece in pieces]
+        changes += [_Change(*piece) for piece in pieces if piece[0] < piece[1]]
         of_chunk.append(max(len(changes) - 1, 0))
-    if not changes:
-        raise NotPlainError("the film has no samples of its own")
     times = [each.at_s for each in chunks]
     for number, sample in enumerate(samples):
         change = changes[of_chunk[max(bisect_right(times, sample.at_s + 1e-6) - 1, 0)]]
         change.samples.append(number)
         change.size += sample.size
-    return [*changes, *_heads(movie, changes, taken)]
+    return [*changes, *_heads(movie, changes)]
 
 
-def _heads(movie: Movie, changes: list[_Change], taken: list[Range]) -> list[_Change]:
-    """Returns new headers of the boxes whose samples change; raises NotPlainError if samples lie in none."""
+def _heads(movie: Movie, changes: list[_Change]) -> Iterator[_Change]:
+    """Yields new headers of the boxes whose samples change."""
     holders = [each for each in movie.boxes if each.name != b"moov"]
     starts = [each.start for each in holders]
     grown = [0] * len(holders)
-    film = [(change.start, change.end, change.size) for change in changes]
-    for start, end, size in [*film, *((start, end, end - start) for start, end in taken)]:
-        place = bisect_right(starts, start) - 1
-        if place < 0 or end > holders[place].end:
-            raise NotPlainError("its samples are not in the file")
-        grown[place] += size - (end - start)
-    return [
-        _head(each, more)
-        for each, more in zip(holders, grown, strict=True)
-        if more and movie.read_at(each.head, 4) != bytes(4)
-    ]
+    for change in changes:
+        grown[bisect_right(starts, change.start) - 1] += change.size - (change.end - change.start)
+    for each, more in zip(holders, grown, strict=True):
+        if more and movie.read_at(each.head, 4) != bytes(4):  # the last one may go on to the end of the file
+            yield _head(each, more)
 
 
 def _head(holder: TopBox, more: int) -> _Change:
