@@ -126,7 +126,7 @@ KINDS = [
     (b"<rdf hdrgm:Version='1.0'/>", "gain map"),
     (b"<rdf apdi:AuxiliaryImageType='urn:com:apple:photo:2018:aux:portraiteffectsmatte'/>", "mattes"),
     (b"<rdf apdi:AuxiliaryImageType='urn:com:apple:photo:2017:aux:disparity'/>", "depth map"),
-    (b"<rdf/>", "further pictures"),
+    (b"<rdf dc:title='a matter of taste'/>", "further pictures"),
 ]
 
 

@@ -51,7 +51,7 @@ _PURPOSES = (
     (re.compile(rb":auxid:1$|auxiliary:alpha"), ""),  # transparency, which is kept
     (re.compile(rb"hdr-?gain-?map|hdrgm:|hdr-gain-map|iso:ts:21496"), "gain map"),
     (re.compile(rb":auxid:2$|auxiliary:depth|aux:(depth|disparity)|gdepth|depthmap"), "depth map"),
-    (re.compile(rb"matte"), "mattes"),
+    (re.compile(rb"aux:\w*matte"), "mattes"),
 )
 
 
