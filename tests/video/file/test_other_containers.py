@@ -124,11 +124,12 @@ def test_cover_picture_and_attachment(tmp_path, capsys, ending):
         assert covers(tmp_path / "again.mov") == [COVER]
 
 
-@pytest.mark.parametrize("ending", [".mov", ".mkv"])
+@pytest.mark.parametrize("ending", [".mp4", ".mov", ".mkv"])
 def test_timecode(tmp_path, capsys, ending):
-    source = clips.write(tmp_path / "in.mp4", GREYS, stream_tags={"timecode": TIMECODE})
+    source = clips.write(tmp_path / "in.mp4", clips.moving(16)[1], stream_tags={"timecode": TIMECODE})
     assert ("data", None) in streams(source)
     assert not written(capsys, source, tmp_path / f"out{ending}")
+    assert source.read_bytes() != (tmp_path / f"out{ending}").read_bytes()
     tags = clips.facts(tmp_path / f"out{ending}")["streams"][0]["tags"]
     assert TIMECODE in (tags.get("timecode"), tags.get("TIMECODE"))
 

@@ -82,10 +82,10 @@ class VideoWriter:
         self.covers: list[bytes] = []
         self._clip = clip
         self._part = part
-        self._stream.metadata.update(self._tags(like.metadata))
         with suppress(ValueError, AttributeError):
             self._stream.disposition = like.disposition
-        if ending is not None:
+        if ending is not None:  # otherwise a timecode would become a track of its own
+            self._stream.metadata.update(self._tags(like.metadata))
             container.metadata.update(self._tags(source.container.metadata))
             self._add_others(source, encoder, ending)
             if chapters := self._chapters(source):
