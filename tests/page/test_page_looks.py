@@ -70,6 +70,20 @@ def _black_at_the_rim(page: Page) -> int:
     )
 
 
+def test_saving_says_what_is_not_kept(page: Page, photo: Path, tmp_path: Path) -> None:
+    data = photo.read_bytes()
+    segment = b"of a program"
+    file = tmp_path / "street.jpg"
+    file.write_bytes(data[:2] + b"\xff\xe5\0" + bytes([2 + len(segment)]) + segment + data[2:])
+    drop(page, file)
+    expect(page.get_by_role("button", name="Save this photo")).to_be_enabled()
+    with page.expect_download():
+        page.get_by_role("button", name="Save this photo").click()
+    expect(page.locator("#notice")).to_have_text(
+        "street.rectified.jpg: saved to the downloads of your browser. Not kept: other data."
+    )
+
+
 def test_saving_says_what_was_saved_and_where(street: Page, photo: Path) -> None:
     before = street.locator(".compare").bounding_box()
     with street.expect_download():
