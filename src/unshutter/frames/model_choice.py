@@ -1,4 +1,4 @@
-"""Chooses between the camera's motion and a dense motion for a frame with neighbours.
+"""Chooses between the camera's motion and a dense motion for a photo with neighbours.
 
 Corners tracked to the neighbours decide. Those on near or moving objects did not contribute to the camera's motion, and
 none of them contributed to the flow. If the camera's motion predicts their positions about as well as the flow does, it

@@ -1,4 +1,4 @@
-"""All options for rectifying a photo or estimating its motion, and for how a command works through its photos."""
+"""Groups the options of photo_options.py for the commands, and adds how a command works through its photos."""
 
 from __future__ import annotations
 

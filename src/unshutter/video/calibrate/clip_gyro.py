@@ -1,4 +1,4 @@
-"""The gyro log of a clip: found in its file or next to it, aligned with the picture, and used if they agree."""
+"""The gyro log of a clip: read from its file or from a named one, aligned with the picture, and used if they agree."""
 
 from __future__ import annotations
 
