@@ -359,7 +359,7 @@ def rotation_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"
 def track_jacobian(
     tracks: Tracks, focal_px: float
 ) -> tuple[Float64[np.ndarray, "tracks 2 4"], Float64[np.ndarray, "tracks 2"]]:
-    """Returns the :func:`rotation_jacobian` half way along each track, and the track's displacement [px of ROWS rows]."""
+    """Returns the :func:`rotation_jacobian` half way along each track, and its displacement [px of ROWS rows]."""
     unit = ROWS / tracks.height
     start = (tracks.start + 0.5) * unit
     end = (tracks.end + 0.5) * unit
