@@ -38,16 +38,8 @@ _OF_FILES = (
     *("encoder", "major_brand", "minor_version", "compatible_brands", "handler_name", "vendor_id", "rotate", "bps"),
     *("duration", "number_of_", "timecode", "wm/", "isvbr", "uid", "generation_uid", "product_", "company_name"),
     *("toolkit_version", "application_platform", "modification_date", "operational_pattern", "file_package", "source_"),
-    *(
-        "material_package",
-        "_statistics",
-        "audiocodec",
-        "videocodec",
-        "filesize",
-        "metadatacreator",
-        "variant_bitrate",
-        "software",
-    ),
+    *("material_package", "_statistics", "audiocodec", "videocodec", "filesize", "metadatacreator", "software"),
+    *("variant_bitrate", "filename", "mimetype", containers.ALPHA_MODE),
 )
 _BOXES = (b"ftyp", b"styp", b"moov", b"mdat", b"moof", b"sidx", b"mfra", b"wide", b"prft", b"pdin", b"ssix")
 _MOVIE_BOXES = (b"mvhd", b"trak", b"iods", b"mvex", b"meta")
