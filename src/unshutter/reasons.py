@@ -120,6 +120,7 @@ class Code(Worded):
         "scene-contradicts",
         "this scene does not show the readout time of the clip: another camera took it, or it is corrected already",
     )
+    DAMAGED = "damaged", "it is damaged in the file"
     NO_WOBBLE = "no-wobble", "its frames do not show that their rows were read one after another"
     HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
     ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"

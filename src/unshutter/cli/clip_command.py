@@ -24,6 +24,7 @@ from unshutter.version import extra
 if TYPE_CHECKING:
     from unshutter.readout_time import ReadoutTime
     from unshutter.video.calibrate.clip_gyro import ClipGyro
+    from unshutter.video.file.camera_clock import CameraClock
     from unshutter.video.measurement import ClipMeasurement
     from unshutter.video.outcome import ClipOutcome
     from unshutter.video.render.enlargement import Enlargement
@@ -160,6 +161,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     frames = f"{outcome.rectified} of {_frames(outcome.frames)} straightened"
     result = outcome.output if outcome.written else "not written"
     yield f"{outcome.source} -> {result}: {frames}{note}"
+    yield from _frame_lines(outcome)
     yield from _view_lines(outcome)
     yield from _ways_to_straighten(outcome)
     if outcome.direction is not None:
@@ -179,6 +181,29 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
         yield f"unshutter: {outcome.source} {hole}: part of it may be missing"
+
+
+def _frame_lines(outcome: ClipOutcome) -> Iterator[str]:
+    """Yields what is special about the clip's frames."""
+    yield from (f"unshutter: {line}" for line in _clock_lines(outcome.clock, outcome.interval_s))
+    if outcome.picture is not None and outcome.rectified:
+        height, width = outcome.picture
+        yield f"unshutter: bars are left unchanged: the picture between them has {width}x{height} px"
+    if outcome.damaged:
+        missing = "cannot be decoded, and is" if outcome.damaged == 1 else "cannot be decoded, and are"
+        yield f"unshutter: {_frames(outcome.damaged)} of {outcome.source} {missing} missing"
+
+
+def _clock_lines(clock: CameraClock, interval_s: float) -> Iterator[str]:
+    """Yields how the camera's frames follow each other, if not as the file shows them."""
+    shown, of_camera = (f"{rate / interval_s:.5g}" for rate in (1.0, float(clock.share)))
+    if clock.share < 1:
+        yield f"{of_camera} of {shown} frames a second are the camera's; the others repeat them"
+    if clock.share > 1:
+        yield f"{shown} of the camera's {of_camera} frames a second are there"
+    if clock.slowed != 1:
+        taken = f"{1 / clock.interval_s(interval_s):.5g}"
+        yield f"{'slow' if clock.slowed > 1 else 'fast'} motion: the camera took {taken} frames a second"
 
 
 def _ways_to_straighten(outcome: ClipOutcome) -> Iterator[str]:
@@ -300,12 +325,13 @@ def _measured_lines(measurement: ClipMeasurement) -> Iterator[str]:
         yield f"{name} ({size}): {what}: {measurement.reason}"
     else:
         error = f" +- {time.error_ms:.1f}" if time.error_s else ""
-        share = f"{100 * time.ratio(measurement.interval_s).value:.0f} % of the time between frames"
+        share = f"{100 * time.ratio(measurement.camera_interval_s).value:.0f} % of the time between frames"
         way = "" if measurement.direction is None else f", {measurement.direction}"
         source = f"{measurement.how} ({time.camera})" if time.camera else measurement.how
         yield f"{name} ({size}): readout time {time.ms:.1f}{error} ms, {share}{way}; from {source}"
         if time.shown_s is not None:
             yield f"  but the frames show {1000 * time.shown_s:.1f} ms"
+    yield from (f"  {line}" for line in _clock_lines(measurement.clock, measurement.interval_s))
     shown = measurement.shown
     if shown is not None and measurement.wobble_px is not None and not measurement.is_global:
         yield f"  wobble from frame to frame: {measurement.wobble_px:.2f} px ({shown.pairs} pairs of frames)"

@@ -266,7 +266,7 @@ class GreyFrame:
     height: int
     width: int
     grey: UInt8[np.ndarray, "rows columns"]  # empty if corners were tracked before
-    after: float = 1.0  # time since the previous frame [usual frame intervals]
+    after: float = 1.0  # time since the previous frame [usual frame intervals]; 0: it is known to repeat that
     at: float = 0.0  # time since the shot began [usual frame intervals]
     time_s: float = 0.0  # time on the clip's clock [s], if there is one
     followed: Tracks | None = None  # all tracks from the previous frame, if corners were tracked before
@@ -320,11 +320,12 @@ class Shot:
         last = self._last
         if last is None or (frame.height, frame.width) != (last.height, last.width):
             return False
-        if frame.followed is None:  # no track at all is known, too
-            frame.followed = follow(last.grey, frame.grey, lens)
-        before = self.pairs[-1] if self.pairs else None
-        if not is_copy(frame.followed, before, last.copies):
-            return False
+        if frame.after > 0:
+            if frame.followed is None:  # no track at all is known, too
+                frame.followed = follow(last.grey, frame.grey, lens)
+            before = self.pairs[-1] if self.pairs else None
+            if not is_copy(frame.followed, before, last.copies):
+                return False
         last.copies += 1
         self._gap += frame.after
         return True

@@ -60,6 +60,10 @@ class Tile(NamedTuple):
     left: int
     right: int
 
+    def scaled(self, down: float, across: float) -> Tile:
+        """Returns the same part of a picture with so many rows and columns for each."""
+        return Tile(round(self.top * down), round(self.bottom * down), *(round(s * across) for s in self[2:]))
+
     @property
     def area(self) -> int:
         """Number of pixels."""

@@ -17,6 +17,7 @@ MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
 GYRO_OFF = "off"
 JOIN = "to make a video from pictures: ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 video.mp4"
 USUAL_PERIOD_S = 2.0
+_PROGRESSIVE = "Frames are whole, even if rows look as if they showed two moments."
 _ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
 
 
@@ -78,8 +79,13 @@ class Shutter:
         known = (self.readout_ms, self.readout_ratio, self.camera, self.focal_px, self.lens, self.gyro)
         return all(each is None for each in known)
 
+    @property
+    def states_time(self) -> bool:
+        """Whether the user states a readout time."""
+        return self.readout_ms is not None or self.readout_ratio is not None
+
     def readout_time(self, interval_s: float) -> ReadoutTime | None:
-        """Returns the stated readout time for an interval between frames; None if none is stated."""
+        """Returns the stated readout time for the camera's interval between frames; None if none is stated."""
         if self.readout_ratio is not None:
             return ReadoutRatio(self.readout_ratio).seconds(interval_s)
         if self.readout_ms is None:
@@ -179,6 +185,7 @@ class Encode:
 class MeasureClips:
     """Which part of clips to measure, and whether together."""
 
+    progressive: bool = option(False, _PROGRESSIVE)
     one_camera: bool = option(
         False, "The clips are from one camera in one mode: measure them together, too, which is more exact."
     )
@@ -225,6 +232,7 @@ class RectifyClip:
         names="output",
         page=False,
     )
+    progressive: bool = option(False, _PROGRESSIVE, page=False)
     straight_lines: bool = option(
         False, "Also straighten the lines that a wide lens bends. The lens must be known.", page=False
     )

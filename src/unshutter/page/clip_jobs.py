@@ -92,12 +92,12 @@ def after(
         moving = _moving_at(open_file, clip, options, _moment_time(clip, options, moment), usual)
         motion = warper.motion(moving)
         if options.may_enlarge and options.steadiness.stabilize is None:
-            height, width = motion.scan_direction.frame_size(clip.height, clip.width)
+            height, width = motion.scan_direction.frame_size(*clip.picture_size)
             path = CameraPath(undo, motion.scan_direction, width / height)
             path.add(moving.found, moving.step, moving.cut, 0.0)
-            moving = replace(moving, view=Enlargement.least(path, clip.height, clip.width).of(None))
+            moving = replace(moving, view=Enlargement.least(path, *clip.picture_size).of(None))
         if not motion.is_zero:
-            motion = motion.resized(*motion.scan_direction.frame_size(clip.height, clip.width))
+            motion = motion.resized(*motion.scan_direction.frame_size(*clip.picture_size))
         pixels = _small(of_file(warper.rectified(moving).picture), longest, of_file(moving.frame))
         result = {
             "changed": not motion.is_zero,
@@ -117,9 +117,10 @@ def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObjec
         request = _as_usual(ClipRequest.of(clip, options, progress_of(open_file)))
         _decided(open_file, request)
         camera, _, wobble_px = _found_in(open_file, request)
+        interval_s = camera.complete(request).clip.camera_interval_s
         time = camera.readout_time
         return {
-            "ratio": time.ratio(clip.interval_s).value,
+            "ratio": time.ratio(interval_s).value,
             "ms": time.ms,
             "ms_sd": time.error_ms,
             "found_by": time.source,
@@ -128,7 +129,7 @@ def measure_readout_time(open_file: OpenFile, options: RectifyClip) -> JsonObjec
             # wobble that the readout explains, from frame to frame; None if too few frames were looked at
             "wobble_px": wobble_px,
             # range of the typical time, of which no frame takes longer than one; None if the time is known
-            "plausible_ms": time.plausible_ms and [min(each, 1000 * clip.interval_s) for each in time.plausible_ms],
+            "plausible_ms": time.plausible_ms and [min(each, 1000 * interval_s) for each in time.plausible_ms],
             "reason": "" if time.instead_of is None else str(time.instead_of),  # why a typical time stands in
             "left": why_unfit(camera) is not None,  # whether the clip is left as it is, unless its time is given
         }
@@ -279,7 +280,8 @@ def _pairs(
         height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
         before = frame.reformat(width, height, format="rgb24").to_ndarray()
         pixels = PixelFormat.of_array(before)
-        warper = Warper(replace(clip, height=height, width=width, pixels=pixels, side_data={}), undo)
+        inside = clip.picture and clip.picture.scaled(height / frame.height, width / frame.width)
+        warper = Warper(replace(clip, height=height, width=width, pixels=pixels, side_data={}, picture=inside), undo)
         small = replace(moving, frame=ArrayFrame(before, frame.time or 0.0))
         (after,) = pixels.arrays(warper.rectified(small).picture)
         yield np.concatenate([upright(each, frame) for each in (before, after)], axis=1)

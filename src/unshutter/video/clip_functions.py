@@ -76,6 +76,7 @@ def rectify_clip(
     save_motion: str | Path | None = None,
     preview: str | Path | None = None,
     plot: str | Path | None = None,
+    progressive: bool = False,
     straight_lines: bool = False,
     only_changed: bool = False,
     overwrite: bool = False,

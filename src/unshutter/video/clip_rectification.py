@@ -64,7 +64,7 @@ def rectify_clip_file(
         decided: makes the decision, or knows the one that was made before.
     """
     path, target, log, after_killed_run = _checked_files(source, output, options)
-    clip = read_clip_facts(path, options.max_pixels, until_s=options.end)
+    clip = read_clip_facts(path, options.max_pixels, options.end, options.progressive)
     _check_clip(clip, options)
     video = _Output.of(clip, options, target)
     request = ClipRequest.of(clip, options, observer)
@@ -87,6 +87,8 @@ def rectify_clip_file(
         output=output,
         readout_time=camera.readout_time,
         interval_s=clip.interval_s,
+        clock=request.clip.clock,
+        picture=None if clip.picture is None else clip.picture_size,
         model=options.undo.model,
         written=written.is_written,
         after_killed_run=after_killed_run,
@@ -101,6 +103,7 @@ def rectify_clip_file(
         stabilisation=steady,
         enlargement=rendering.enlargement,
         lens=request.lens,
+        damaged=written.damaged,
         lens_degrees=None if request.lens is None else request.lens.degrees(aspect),
         straight_degrees=None if straight is None else straight.degrees(aspect),
         direction=camera.scan_direction,
@@ -201,6 +204,7 @@ class _Written:
     parts: list[Part] = field(
         default_factory=list
     )  # what became of the parts of the clip's file; none if it was copied
+    damaged: int = 0  # number of frames that cannot be decoded, and are missing
 
 
 def _copy(rendering: Rendering, output: _Output, decision: Leave) -> _Written:
@@ -281,7 +285,7 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
             is_part = options.start is not None or options.end is not None
             parts = list(clip_inventory.lost(source, str(part), writer.carried, is_part))
         parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)
-    return _Written(tally, parts=[*writer.parts, *parts])
+    return _Written(tally, parts=[*writer.parts, *parts], damaged=len(source.damaged_s))
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from unshutter.video.calibrate.camera import ClipCamera, find_camera
 from unshutter.video.calibrate.gain import TALL, Gain, StepSizes
 from unshutter.video.calibrate.readout_time import largest_displacement_px
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
-from unshutter.video.file.clip import ClipRequest
+from unshutter.video.file.clip import Clip, ClipRequest
 from unshutter.video.file.motion_file import ClipMotion, load_clip_motion
 from unshutter.video.file.stages import Stage
 
@@ -84,7 +84,7 @@ def calibrate_and_decide(request: ClipRequest) -> tuple[ClipRequest, ClipCamera,
     decision = decide(request, camera, sampled)
     is_used = isinstance(decision, RectifyFrames) or decision.reason.code is not Code.NOTHING_TO_SEE
     if camera.readout_time.source is not ReadoutSource.GIVEN and is_used and why_unfit(camera) is None:
-        request.work.observer.note_readout(camera.readout_time, request.clip.interval_s)
+        request.work.observer.note_readout(camera.readout_time, request.clip.camera_interval_s)
     return request, camera, decision
 
 
@@ -128,14 +128,18 @@ def _by_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Decision]:
     clip = request.clip
     assert request.options.motion is not None
     motion = load_clip_motion(request.options.motion)
-    if (motion.height, motion.width) != (clip.height, clip.width):
+    if (motion.height, motion.width, motion.picture) != (clip.height, clip.width, clip.picture):
         raise UnshutterError(
-            f"the motion file is for frames of {motion.width}x{motion.height} px, the clip has "
-            f"{clip.width}x{clip.height}: it belongs to another clip"
+            f"the motion file is for {_frames(motion)}, the clip has {_frames(clip)}: it belongs to another clip"
         )
-    time = ReadoutTime(motion.ratio * clip.interval_s, source=ReadoutSource.MOTION_FILE)
+    time = ReadoutTime(motion.ratio * (motion.interval_s or clip.interval_s), source=ReadoutSource.MOTION_FILE)
     request = replace(request, scan_direction=motion.scan_direction, lens=motion.lens)
     return request, ClipCamera(time, motion.lens), RectifyFrames(motion)
+
+
+def _frames(of: ClipMotion | Clip) -> str:
+    bars = "" if of.picture is None else " with bars"
+    return f"frames of {of.width}x{of.height} px{bars}"
 
 
 def why_unfit(camera: ClipCamera) -> Reason | None:

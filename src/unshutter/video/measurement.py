@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from unshutter.errors import UnshutterError
@@ -21,6 +21,7 @@ from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.calibrate.camera import find_camera
 from unshutter.video.calibrate.readout_regression import Regression, Run, regression
 from unshutter.video.decision import why_unfit
+from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 
@@ -34,13 +35,19 @@ class ClipMeasurement:
     clips: tuple[str, ...]  # their files
     width: int  # of the stored frames [px]
     height: int
-    interval_s: float  # the usual time from one frame to the next [s]
+    interval_s: float  # the usual time from one frame to the next, as the files show them [s]
     readout_time: ReadoutTime | None  # from the first row of a frame to the last; None if it is unknown
     direction: ScanDirection | None  # in which the stored rows or columns were read; None if that is unknown
     reason: Reason | None = None  # why it was not found, or that there is no rolling shutter
     shown: Regression | None = None  # what the regression says; None if there are too few frames
     wobble_px: float | None = None  # wobble that this explains: RMS at the first and last rows, frame to frame [px]
     lens: Lens | None = None  # the lens, if it bends straight lines
+    clock: CameraClock = field(default_factory=CameraClock)  # the camera's, as far as it differs from the file's
+
+    @property
+    def camera_interval_s(self) -> float:
+        """The camera's time from one frame to the next [s]."""
+        return self.clock.interval_s(self.interval_s)
 
     @property
     def how(self) -> str:
@@ -64,12 +71,13 @@ class ClipMeasurement:
         """Returns the measurement, ready for JSON."""
         time = self.readout_time
         shown = self.shown
-        known = None if time is None else time.ratio(self.interval_s)
+        known = None if time is None else time.ratio(self.camera_interval_s)
         return {
             "clips": list(self.clips),
             "width": self.width,
             "height": self.height,
             "fps": round(1 / self.interval_s, 4),
+            **({} if self.clock.is_files else {"camera_fps": round(1 / self.camera_interval_s, 4)}),
             "readout_ms": None if time is None else round(time.ms, 3),
             "readout_ms_sd": None if time is None or not time.error_s else round(time.error_ms, 3),
             "readout_ratio": None if known is None else round(known.value, 4),
@@ -97,6 +105,7 @@ def _measure_clips(sources: Sequence[str | os.PathLike[str]], options: MeasureCl
 def measure_clips(
     sources: Sequence[str | os.PathLike[str]],
     *,
+    progressive: bool = False,
     one_camera: bool = False,
     start: float | None = None,
     end: float | None = None,
@@ -123,19 +132,20 @@ def measure_clips(
 
 def _measured(path: Path, options: MeasureClips) -> tuple[ClipMeasurement, list[Run], float]:
     """Returns a clip's measurement, its runs, and the px of the clip for each of the copies in which it was tracked."""
-    clip = read_clip_facts(path, until_s=options.end)
+    clip = read_clip_facts(path, until_s=options.end, progressive=options.progressive)
     clip.check_whole()
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
     camera, evidence = find_camera(request)
     runs = evidence.pair_runs
     direction = camera.scan_direction or request.scan_direction
-    px = evidence.px_of(direction.frame_size(clip.height, clip.width)[0])
+    request = camera.complete(request)
+    px = evidence.px_of(request.frame_size[0])
     if px is None:
         raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
     time = camera.readout_time
     reason = why_unfit(camera) or time.instead_of
     measurement = _of_camera((str(path),), clip, time, reason, direction, regression(runs), px, camera.lens)
-    return measurement, runs, px
+    return replace(measurement, clock=request.clip.clock), runs, px
 
 
 def _of_camera(
@@ -169,7 +179,7 @@ def _together(measured: Sequence[tuple[ClipMeasurement, list[Run], float]]) -> C
     every = [measurement for measurement, _, _ in measured]
     first = every[0]
     for each in every:
-        same_rate = abs(each.interval_s - first.interval_s) <= 0.01 * each.interval_s
+        same_rate = abs(each.camera_interval_s - first.camera_interval_s) <= 0.01 * each.camera_interval_s
         if (each.width, each.height) != (first.width, first.height) or not same_rate:
             raise UnshutterError(f"{first.clips[0]} and {each.clips[0]} differ in the size or rate of their frames")
     shown = regression([run for _, runs, _ in measured for run in runs])
@@ -180,7 +190,7 @@ def _together(measured: Sequence[tuple[ClipMeasurement, list[Run], float]]) -> C
     direction = next((each.direction for each in every if each.direction is not None), ScanDirection.TOP_TO_BOTTOM)
     time = stated
     if time is None and shown is not None and (shown.is_sure or shown.is_likely):
-        time = shown.readout_ratio.seconds(first.interval_s)
+        time = shown.readout_ratio.seconds(first.camera_interval_s)
     is_none = shown is not None and shown.is_none
     reason = Reason(Code.READ_AT_ONCE if is_none else Code.NO_WOBBLE)
-    return _of_camera(names, first, time, reason, direction, shown, px, first.lens)
+    return replace(_of_camera(names, first, time, reason, direction, shown, px, first.lens), clock=first.clock)

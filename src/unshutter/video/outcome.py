@@ -18,6 +18,7 @@ from unshutter.motion.lens import Lens
 from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
+from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.render.clip_motion import MovingFrame
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class ClipOutcome:
         source, output: the clip and the new one, as named by the user.
         readout_time: readout time, and its source.
         interval_s: the usual time from one frame to the next [s].
+        clock: the camera's clock, as far as it differs from the file's.
+        picture: height and width of the picture between bars [px], which stay as they are; None if there are none.
         model: the motion model requested.
         written: whether there is a new clip; False if nothing changed and only changes were requested.
         after_killed_run: whether leftovers of an earlier, killed run were removed.
@@ -78,6 +81,7 @@ class ClipOutcome:
         gyro: the clip's gyro log and the result of using it; None if it has none.
         stabilisation: the smoothed path; None if the camera's path was left unchanged.
         enlargement: that of all frames, to hide their borders; None if borders may show, or were not looked for.
+        damaged: number of frames that cannot be decoded, and are missing in the new clip.
         lens: the lens, if it bends straight lines.
         lens_degrees: its field of view, from corner to corner of a frame [degrees].
         straight_degrees: that of the new clip, if lines were straightened; otherwise None.
@@ -107,6 +111,9 @@ class ClipOutcome:
     straight_degrees: float | None = None
     direction: ScanDirection | None = None
     unfit: Reason | None = None
+    clock: CameraClock = field(default_factory=CameraClock)
+    picture: tuple[int, int] | None = None
+    damaged: int = 0
 
     @property
     def left_out(self) -> list[str]:
@@ -129,7 +136,7 @@ class ClipOutcome:
     @property
     def ratio(self) -> ReadoutRatio:
         """Readout time of a frame as a share of the time between frames."""
-        return self.readout_time.ratio(self.interval_s)
+        return self.readout_time.ratio(self.clock.interval_s(self.interval_s))
 
     @property
     def readout_ms(self) -> float:
@@ -171,6 +178,9 @@ class ClipOutcome:
             **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),
             **({} if plausible is None else {"plausible_ms": list(plausible)}),
             **({} if self.direction is None else {"readout": self.direction}),
+            **({} if self.clock.is_files else {"camera_fps": round(1 / self.clock.interval_s(self.interval_s), 4)}),
+            **({"damaged": self.damaged} if self.damaged else {}),
+            **({} if self.picture is None else {"picture": list(self.picture)}),
             **({} if self.readout_time.shown_s is None else {"shown_ms": 1000 * self.readout_time.shown_s}),
         }
 

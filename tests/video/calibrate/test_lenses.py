@@ -38,7 +38,7 @@ K = [0.04, 0.01, -0.006, 0.002]
 class _Size:
     """The size of a clip's frames: all that reading a lens file looks at."""
 
-    height, width = 360, 640
+    picture_size = 360, 640
 
 
 def request_of(readout=ScanDirection.TOP_TO_BOTTOM):

@@ -17,6 +17,7 @@ import pytest
 from support import clips
 from support.covering import thorough
 from support.refusals import left_behind, refused
+from unshutter import UnshutterError, measure_clips, rectify_clip
 from unshutter.cli import main
 from unshutter.video.file import mp4, mp4_writer
 
@@ -318,3 +319,57 @@ def test_a_false_count_of_samples_takes_no_memory(tmp_path, clip):
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
         tracemalloc.stop()
+
+
+def test_the_user_may_say_that_frames_are_whole(tmp_path, capsys):
+    """Rows that look as if they showed two moments may be a fence, or a striped shirt."""
+    flags = {"flags": "+ildct+ilme", "x264-params": "tff=1", "crf": "12"}
+    striped = [np.where(np.arange(len(grey))[:, None] % 2, grey, grey // 2 + 90).astype(np.uint8) for grey in GREYS]
+    path = clips.write(tmp_path / "in.mp4", striped, options=flags)
+    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "or, if its frames are whole, add --progressive")
+    assert main(["video", str(path), "-o", str(tmp_path / "out.mp4"), "--progressive", *clips.KNOWN]) == 0
+    assert f"{len(GREYS)} of {len(GREYS)} frames straightened" in capsys.readouterr().err
+    with pytest.raises(UnshutterError, match="interlaced"):
+        measure_clips([path])
+    (measured,) = measure_clips([path], progressive=True)
+    assert measured.width == clips.WIDTH
+
+
+def with_damage(path, numbers):
+    """Overwrites packets of a clip, each of which is a frame of its own."""
+    data = bytearray(path.read_bytes())
+    with av.open(str(path)) as video:
+        packets = [bytes(packet) for packet in video.demux(video=0) if packet.size]
+    for number in numbers:
+        at = data.index(packets[number])
+        data[at : at + len(packets[number])] = bytes(len(packets[number]))
+    path.write_bytes(data)
+    return path
+
+
+def test_damaged_frames_are_counted_and_the_others_straightened(tmp_path, capsys):
+    clip = with_damage(clips.write(tmp_path / "in.mp4", GREYS, options={"crf": "12"}), [7])
+    outcome = rectify_clip(clip, tmp_path / "out.mp4", readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
+    assert (outcome.frames, outcome.rectified, outcome.damaged) == (len(GREYS) - 1, len(GREYS) - 1, 1)
+    assert outcome.as_json()["damaged"] == 1 and len(clips.times(tmp_path / "out.mp4")) == len(GREYS) - 1
+    words = ["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--overwrite", *clips.KNOWN]
+    assert main(words) == 0 and "1 frame of" in (shown := capsys.readouterr().err) and "cannot be decoded" in shown
+    many = with_damage(clips.write(tmp_path / "many.mp4", GREYS, options={"crf": "12"}), range(3, 12))
+    refused(capsys, [many, "-o", tmp_path / "other.mp4"], 1, "is damaged from 0.", "use the intact part")
+
+
+def test_a_frame_decoded_from_damaged_data_is_left_as_it_is(tmp_path):
+    """As FFmpeg marks it: the frames around it are straightened."""
+    path = clips.write(tmp_path / "in.mkv", GREYS, "mpeg4", options={"b": "4000000"})
+    data = bytearray(path.read_bytes())
+    with av.open(str(path)) as video:
+        packet = [bytes(packet) for packet in video.demux(video=0) if packet.size][9]
+    begin = data.index(packet) + len(packet) // 3
+    end = data.index(packet) + len(packet)
+    data[begin:end] = np.random.default_rng(1).integers(0, 256, end - begin, dtype=np.uint8).tobytes()
+    path.write_bytes(data)
+    with av.open(str(path)) as video:
+        if not any(frame.is_corrupt for frame in video.decode(video=0)):
+            pytest.skip("this FFmpeg does not mark it")
+    outcome = rectify_clip(path, tmp_path / "out.mkv", readout_ratio=clips.RATIO, focal_px=clips.FOCAL)
+    assert outcome.rectified == len(GREYS) - 1 and outcome.unchanged == {"it is damaged in the file": 1}

@@ -175,3 +175,13 @@ def test_nothing_can_be_followed_in_black_frames(tmp_path, at):
     clip = clips.write(tmp_path / "in.mkv", [*greys[:at], *black, *greys[at:]], "ffv1")
     outcome = unshutter.rectify_clip(clip, tmp_path / "out.mkv", focal_px=clips.FOCAL)
     assert outcome.frames == 44 and outcome.rectified >= 40
+
+
+@pytest.mark.parametrize(("codec", "ending"), [("mpeg4", ".avi"), ("ffv1", ".mkv"), thorough("wmv2", ".asf")])
+def test_frames_whose_times_are_nearly_equal_stay_apart(tmp_path, codec, ending):
+    """A file counts in coarser units than the clip: each frame keeps a time of its own."""
+    at = [k / 30 for k in range(9)]
+    at.insert(6, at[5] + 2 / 30000)
+    clip = clips.write(tmp_path / "in.mov", GREYS[:10], "mpeg4", times=at)
+    straightened(clip, tmp_path / f"out{ending}", "--codec", codec)
+    assert len(set(clips.times(clip))) == len(set(clips.times(tmp_path / f"out{ending}"))) == 10

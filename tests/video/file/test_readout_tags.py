@@ -77,3 +77,38 @@ def test_a_clip_is_rectified_with_the_time_that_its_file_says(tmp_path, straight
     _, record, printed = straighten(clip)
     assert record["readout_ms"] == 12.3 and record["found_by"] == "the clip's file"
     assert "this clip does not show its readout time" not in printed
+
+
+def test_sonys_is_in_the_metadata_of_each_frame(tmp_path):
+    """A head of 28 bytes, then the name of a set and its tags: number, length, content; some tags hold others."""
+    name = b"\x06\x0e\x2b\x34\x02\x53\x01\x01" + bytes(8)
+    inner = struct.pack(">HHH", 0x8000, 2, 7) + struct.pack(">HHi", 0xE40E, 4, 13_250)
+    packet = struct.pack(">H", 0x1C) + bytes(26) + name + struct.pack(">HH", 0x8300, len(inner)) + inner
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"rtmd", packet))
+    assert (tag.ms, tag.camera) == (13.25, "Sony")
+    assert readout_tag(with_samples(tmp_path / "b.mp4", b"rtmd", packet[:-3])) is None
+    assert readout_tag(with_samples(tmp_path / "c.mp4", b"rtmd", b"\0\0" + packet[2:])) is None
+
+
+def message(number, content):
+    """A field of Protocol Buffers: a number, four bytes of a float, or a message."""
+    if isinstance(content, float):
+        return bytes([number << 3 | 5]) + struct.pack("<f", content)
+    if isinstance(content, bytes):
+        return bytes([number << 3 | 2, len(content)]) + content
+    value = bytes([number << 3])
+    while content > 0x7F:
+        value, content = value + bytes([content & 0x7F | 0x80]), content >> 7
+    return value + bytes([content])
+
+
+def test_djis_is_that_of_the_sensor_at_its_own_rate(tmp_path):
+    """Its metadata state the rates of the sensor and of the video."""
+    readout = message(1, message(1, b"\x08\x01") + message(4, message(1, 8_000_000)) + message(11, message(1, 60.0)))
+    video = message(2, message(3, message(1, 3840) + message(3, 30.0)))
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"djmd", readout + video))
+    assert (tag.ms, tag.camera) == (16.0, "DJI")
+    alone = readout_tag(with_samples(tmp_path / "b.mp4", b"djmd", message(1, message(4, message(1, 8_000_000)))))
+    assert alone.ms == 8.0
+    for damaged in (readout[:9], b"\xff" * 12, b"\x0f\x00", b""):
+        assert readout_tag(with_samples(tmp_path / "c.mp4", b"djmd", damaged)) is None

@@ -20,10 +20,12 @@ from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate import clip_gyro
 from unshutter.video.calibrate.clip_gyro import ClipGyro, gyro_in_survey
 from unshutter.video.calibrate.lenses import lens_of_clip
-from unshutter.video.calibrate.questions import Log, ask, open_question
+from unshutter.video.calibrate.questions import FIRST_LOOK, Log, ask, first_look, open_question
 from unshutter.video.calibrate.readout_regression import Regression
 from unshutter.video.calibrate.readout_time import listed_time, time_in_survey, usual_time
-from unshutter.video.calibrate.sampled_frames import SampledFrames
+from unshutter.video.calibrate.repeated_frames import clock_in_survey
+from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
+from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.gyro_log import GyroLog
@@ -42,10 +44,12 @@ class ClipCamera:
     shown: Regression | None = None  # what the regression of its frames shows; None if there are too few
     stabilised: Reason | None = None  # why its rows must have moved after they were read out; None if nothing says so
     frames: int = 0  # number of frames that were tracked
+    clock: CameraClock | None = None  # its clock, if the frames show another than the file states
 
     def complete(self, request: ClipRequest) -> ClipRequest:
-        """Returns the request of a clip of this camera: with its lens, and the direction in which it reads."""
-        return replace(request, lens=self.lens, scan_direction=self.scan_direction or request.scan_direction)
+        """Returns the request of a clip of this camera: with its lens, its clock, and its readout direction."""
+        clip = request.clip if self.clock is None else replace(request.clip, clock=self.clock)
+        return replace(request, clip=clip, lens=self.lens, scan_direction=self.scan_direction or request.scan_direction)
 
 
 def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
@@ -60,12 +64,19 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
         clip_gyro.check_level(log)
     question, parts_s = open_question(request, log)
     sampled = ask(request, question, parts_s)
+    is_enough = any(len(part) >= FIRST_LOOK - 2 for part in sampled.parts)
+    seen = sampled if is_enough or sampled.is_whole else sample_frames(request, first_look(request), is_followed=False)
+    clock = clock_in_survey(request.clip, seen)
+    if clock is not None:
+        request = replace(request, clip=replace(request.clip, clock=clock))
+        question, parts_s = open_question(request, log)
+        sampled = ask(request, question, parts_s)
     direction = _other_direction(request, sampled)
     if direction is not None:
         request = replace(request, scan_direction=direction)
         check_focal(request.options.shutter.focal_px, request.frame_size[0])
         sampled = ask(request, question, parts_s)
-    camera = replace(_camera_from(request, sampled, log), scan_direction=direction)
+    camera = replace(_camera_from(request, sampled, log), scan_direction=direction, clock=clock)
     request.work.expect({Stage.SEARCH: 0})
     return camera, sampled.through(camera.lens)
 
@@ -88,7 +99,7 @@ def _camera_from(request: ClipRequest, sampled: SampledFrames, log: Log) -> Clip
     Args:
         log: the clip's gyro log, or why it cannot be used; None if there is none.
     """
-    interval_s = request.clip.interval_s
+    interval_s = request.clip.camera_interval_s
     stated = request.options.shutter.readout_time(interval_s)
     lens = lens_of_clip(request, sampled)
     request = replace(request, lens=lens)
@@ -126,7 +137,7 @@ def _time_of(
         listed: the time that the file states or the table lists. The rows of a clip that was stabilised in the camera
             have moved: only its frames can tell their times.
     """
-    interval_s = request.clip.interval_s
+    interval_s = request.clip.camera_interval_s
     if listed is not None and listed.plausible_s is None:
         return _compared(listed, shown, interval_s)
     usual = listed or usual_time(request)

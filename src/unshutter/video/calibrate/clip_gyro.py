@@ -103,14 +103,14 @@ def gyro_in_survey(
         return ClipGyro(log.origin, None, None, Reason(Code.GYRO_TOO_SHORT))
     stated = log.readout_time if known is None else None
     known = known or stated
-    ratio = known and known.ratio(clip.interval_s).value
+    ratio = known and known.ratio(clip.camera_interval_s).value
     pairs = list(_pairs(evidence))
     if len(pairs) < 15:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
     request.work.expect({Stage.SURVEY: 0, Stage.ALIGN: PARAMS.rounds * len(pairs)})
     count = request.work.counts(Stage.ALIGN)
-    synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px, count)
+    synchronisation = synchronised(log, pairs, clip.camera_interval_s, offsets, ratio, focal_px, count)
     request.work.expect({Stage.ALIGN: 0})
     reason = synchronisation.reason
     begin_s, end_s = map(float, synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0])))
@@ -152,7 +152,9 @@ def level_rotations(gyro: ClipGyro | None) -> GyroRotations:
 
 
 def _span(request: ClipRequest) -> tuple[float, float]:
-    return request.span[0], min(request.span[1], request.clip.duration_s or np.inf)
+    """Returns begin and end of the selected part on the camera's clock [s]."""
+    slowed = request.clip.clock.slowed
+    return request.span[0] / slowed, min(request.span[1], request.clip.duration_s or np.inf) / slowed
 
 
 def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float]]:
@@ -172,7 +174,8 @@ def lively_parts(request: ClipRequest, log: GyroLog) -> list[float] | None:
     They are spread over the clip, each where the camera turned most in its neighbourhood, if that is known.
     """
     span = _span(request)
-    length = PART * request.clip.interval_s
+    slowed = request.clip.clock.slowed
+    length = PART * request.clip.camera_step_s / slowed
     if span[1] - span[0] <= MOST_PARTS * length:
         return None
     parts = []
@@ -180,7 +183,7 @@ def lively_parts(request: ClipRequest, log: GyroLog) -> list[float] | None:
         room = (span[1] - span[0] - length) / MOST_PARTS - length
         starts = first + np.arange(0, max(room, 0) + 1e-9, length / 2)
         busy = [_liveliness(log, start, length) for start in starts] if log.on_clip_clock else [0.0]
-        parts.append(float(starts[int(np.argmax(busy))]))
+        parts.append(float(starts[int(np.argmax(busy))]) * slowed)
     return parts
 
 

@@ -192,7 +192,7 @@ def expected(request: ClipRequest, surveyed: int, all_frames: float) -> dict[Sta
         surveyed: number of frames that are judged first, unless they are more than enough.
         all_frames: number of frames of the clip, times how likely all of them are asked.
     """
-    is_judged = is_tested(request.options) and request.options.shutter.readout_time(request.clip.interval_s) is None
+    is_judged = is_tested(request.options) and not request.options.shutter.states_time
     first = min(surveyed, ALL) if is_judged else 0
     further = round(all_frames) if is_judged and request.frames > ALL else 0
     return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}

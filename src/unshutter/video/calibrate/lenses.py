@@ -82,15 +82,15 @@ def lens_of_file(path: Path, request: ClipRequest) -> Lens:
         )
     model = _value(text, ("distortion_model", "model"), r'\s*"?([\w-]+)').lower()
     fisheye = any(word in model for word in _FISHEYE) or (k.size == 4 and not any(word in model for word in _RADIAL))
-    clip, (fx, fy), middle = request.clip, matrix[[0, 4]], matrix[[2, 5]]
-    if abs(width * clip.height / (height * clip.width) - 1) > 0.01:
+    (rows, columns), (fx, fy), middle = request.clip.picture_size, matrix[[0, 4]], matrix[[2, 5]]
+    if abs(width * rows / (height * columns) - 1) > 0.01:
         raise UsageError(
-            f"the lens file is of pictures of {width:.0f}x{height:.0f} px, the clip has frames of {clip.width}x"
-            f"{clip.height} px: they must have the same shape"
+            f"the lens file is of pictures of {width:.0f}x{height:.0f} px, the clip has frames of {columns}x"
+            f"{rows} px: they must have the same shape"
         )
     if not fx > 0 or abs(fy / fx - 1) > 0.03:  # pixels whose sides differ by more are those of an anamorphic lens
         raise UnshutterError(f"{path}: lenses that stretch the picture in one direction are not supported")
-    scale = clip.width / width
+    scale = columns / width
     axis = (float(each) for each in (middle + 0.5) * scale - 0.5)
     try:
         return _of_camera(request, float(fx) * scale, (*axis,), tuple(map(float, k)), "lens file", fisheye)
@@ -106,9 +106,10 @@ def _of_camera(
     source: str,
     fisheye: bool = True,
 ) -> Lens:
-    """Returns the lens of a clip by its focal length and the position of its axis in stored frames [px]."""
-    clip, (rows, columns) = request.clip, request.frame_size
-    col, row = request.scan_direction.points_to_frame(np.array(axis[0]), np.array(axis[1]), clip.height, clip.width)
+    """Returns the lens of a clip by its focal length and the position of its axis in what the camera saw [px]."""
+    rows, columns = request.frame_size
+    size = request.clip.picture_size
+    col, row = request.scan_direction.points_to_frame(np.array(axis[0]), np.array(axis[1]), *size)
     shift = (float(col) - (columns - 1) / 2) / focal_px, (float(row) - (rows - 1) / 2) / focal_px
     if fisheye:
         return Lens(focal_px / rows, (*k, 0.0, 0.0, 0.0, 0.0)[:4], shift, source)
@@ -397,12 +398,13 @@ def _listed(request: ClipRequest) -> Lens | None:
     user named the camera; otherwise None. A GoPro's field of view, if its file states it (ZFOV), narrows the choice.
     """
     clip = request.clip
+    height, width = clip.picture_size
     named = request.options.shutter.camera
     if named is None:
         known = cameras.tagged(table(), *cameras.camera_of(clip.tags))
     else:
         known = cameras.closest(named_lenses(named), named)
-    alike = [each for each in known if {each.width, each.height} == {clip.width, clip.height}]
+    alike = [each for each in known if {each.width, each.height} == {width, height}]
     view = clip.camera.view_degrees
     if alike and view is not None and 0 < view < 200.0:
         alike = [each for each in alike if abs(each.degrees / view - 1) < _NEAR]
@@ -412,10 +414,10 @@ def _listed(request: ClipRequest) -> Lens | None:
     if named is None and sum(each.profiles for each in alike) < 2:
         return None
     best = max(alike, key=lambda each: each.profiles)
-    if best.width != clip.width:  # profiles are of frames as recorded, this one was turned
+    if best.width != width:  # profiles are of frames as recorded, this one was turned
         return None
-    axis = best.axis[0] * clip.width - 0.5, best.axis[1] * clip.height - 0.5
-    return _of_camera(request, best.focal * clip.width, axis, best.k, f"table of lenses ({best.name})")
+    axis = best.axis[0] * width - 0.5, best.axis[1] * height - 0.5
+    return _of_camera(request, best.focal * width, axis, best.k, f"table of lenses ({best.name})")
 
 
 def named_lenses(name: str) -> list[LensProfile]:

@@ -14,6 +14,7 @@ from unshutter.motion.finding import Finding
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.calibrate.sampled_frames import COPY_SIDE, SampledFrames
 from unshutter.video.calibrate.scene_check import SceneCheck
+from unshutter.video.file.camera_clock import Changes
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.pixels import Frame
 from unshutter.video.file.row_samples import GYRO_ROWS, ROWS
@@ -47,7 +48,7 @@ def camera_motion(
     if focal_px is None and gyro_rotations is not None:
         focal_px = gyro_rotations.focal_px(request.frame_size[0])
     return CameraMotion(
-        ratio=time.ratio(request.clip.interval_s),
+        ratio=time.ratio(request.clip.camera_interval_s),
         focal_px=focal_px,
         scan_direction=request.scan_direction,
         window=window_for(request.clip.frame_bytes),
@@ -56,7 +57,7 @@ def camera_motion(
         whole_path=True,
         keep_out=keep_out,
         lens=request.lens,
-        check=SceneCheck.of(time, request.clip.interval_s),
+        check=SceneCheck.of(time, request.clip.camera_interval_s),
         count=request.work.counts(stage),
     )
 
@@ -73,15 +74,22 @@ def grey_copies(
     last = set() if sampled is None else {part[-1].time_s for part in sampled.parts}
     nothing = np.zeros((0, 0), np.uint8)
     before = None
+    repeats = request.clip.clock.repeats
+    changes = Changes(request.clip.clock)
     for frame in frames:
+        time_s = request.clip.camera_time(frame)
+        grey = request.grey(frame, COPY_SIDE) if repeats else nothing
+        if repeats and changes.is_repeated(grey):
+            yield GreyFrame(*request.frame_size, grey, after=0.0, time_s=time_s)
+            continue
         since = request.clip.since(before, frame)
         if since is None:
             yield None
-        time_s = frame.time or 0.0
         followed = None if before is None else known.get(time_s)
-        grey = request.grey(frame, COPY_SIDE) if followed is None or time_s in last else nothing
-        size = request.scan_direction.frame_size(frame.height, frame.width)
-        yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=time_s, followed=followed)
+        if not repeats:
+            grey = request.grey(frame, COPY_SIDE) if followed is None or time_s in last else nothing
+        after = 1.0 if since is None else since
+        yield GreyFrame(*request.frame_size, grey, after=after, time_s=time_s, followed=followed)
         before = frame
 
 

@@ -19,6 +19,7 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage, Steps
 from unshutter.video.gyro.gyro_log import GyroLog
 
+FIRST_LOOK = 40  # frames that show whether some are repeated
 Log: TypeAlias = GyroLog | clip_gyro.ClipGyro | None
 Parts: TypeAlias = Sequence[tuple[float | None, float | None]]  # begin and end of each [s]; None: no limit
 
@@ -39,14 +40,14 @@ class Question:
 
 
 def _is_time_open(request: ClipRequest, log: Log) -> bool:
-    if request.options.shutter.readout_time(request.clip.interval_s) is not None:
+    if request.options.shutter.states_time:
         return False
     listed = None if request.clip.camera.is_stabilised else listed_time(request)
     return listed is None or listed.plausible_s is not None
 
 
 def _is_gain_open(request: ClipRequest, log: Log) -> bool:
-    return request.options.shutter.readout_time(request.clip.interval_s) is None and gain.is_tested(request.options)
+    return not request.options.shutter.states_time and gain.is_tested(request.options)
 
 
 def _is_time_certain(sampled: SampledFrames) -> bool:
@@ -82,7 +83,7 @@ def open_question(request: ClipRequest, log: Log) -> tuple[Question, Parts]:
     everything = [(request.options.start, request.options.end)]
     if question is GYRO and isinstance(log, GyroLog):
         starts_s = clip_gyro.lively_parts(request, log)
-        length_s = (clip_gyro.PART - 0.5) * request.clip.interval_s
+        length_s = (clip_gyro.PART - 0.5) * request.clip.camera_step_s
         return question, everything if starts_s is None else [(start, start + length_s) for start in starts_s]
     if _frames_in(request, [request.span]) <= question.all_of:
         return question, everything
@@ -116,9 +117,14 @@ def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFram
     return others if len(others_s) == len(parts_s) else first.with_parts(others)
 
 
+def first_look(request: ClipRequest) -> Parts:
+    """Returns the part of a clip by which repeated frames are noticed if no question asks as many."""
+    return _spread(request, [FIRST_LOOK])
+
+
 def _spread(request: ClipRequest, frames: Sequence[int]) -> Parts:
     """Returns parts of so many frames, spread evenly over what the user selected; all of it if that is hardly more."""
-    (begin, end), interval_s = request.span, request.clip.interval_s
+    (begin, end), interval_s = request.span, request.clip.camera_step_s
     if end - begin < 1.1 * sum(frames) * interval_s:
         return [(request.options.start, request.options.end)]
     starts = np.linspace(begin, end - 1.1 * frames[-1] * interval_s, len(frames)).tolist() if frames else []
@@ -129,4 +135,4 @@ def _frames_in(request: ClipRequest, parts_s: Parts) -> int:
     """Returns about how many frames there are in some parts."""
     begin, last = request.span
     seconds = sum((end or last) - (start or begin) for start, end in parts_s)
-    return max(round(seconds / request.clip.interval_s), 2)
+    return max(round(seconds / request.clip.camera_step_s), 2)

@@ -37,18 +37,20 @@ def listed_time(request: ClipRequest) -> ReadoutTime | None:
     """Returns the readout time that the clip's file states, or that is listed for its camera."""
     clip = request.clip
     named = request.options.shutter.camera
-    size = (clip.width, clip.height)
-    return clip.camera.readout_time or cameras.listed_time(clip.tags, named, size, rate=1 / clip.interval_s)
+    height, width = clip.picture_size
+    return clip.camera.readout_time or cameras.listed_time(
+        clip.tags, named, (width, height), rate=1 / clip.camera_interval_s
+    )
 
 
 def usual_time(request: ClipRequest) -> ReadoutTime:
     """Returns the readout time that is usual for cameras of the clip's kind, with its range."""
-    return cameras.usual_time(request.clip.tags, request.clip.interval_s)
+    return cameras.usual_time(request.clip.tags, request.clip.camera_interval_s)
 
 
 def time_without_search(request: ClipRequest) -> ReadoutTime:
     """Returns the readout time that the user states, or that is listed or usual for the camera."""
-    interval_s = request.clip.interval_s
+    interval_s = request.clip.camera_interval_s
     return request.options.shutter.readout_time(interval_s) or listed_time(request) or usual_time(request)
 
 
@@ -88,7 +90,7 @@ def time_in_survey(request: ClipRequest, evidence: SampledFrames) -> ReadoutTime
     request.work.expect({Stage.SEARCH: 0})
     if not ratios:
         raise unknown.of_clip()
-    return agreed(ratios).seconds(request.clip.interval_s)
+    return agreed(ratios).seconds(request.clip.camera_interval_s)
 
 
 def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
@@ -160,7 +162,7 @@ def largest_displacement_px(request: ClipRequest, evidence: SampledFrames, longe
         enough_px: a displacement [px] with which the rest of the clip is not examined.
     """
     undo = request.options.undo
-    reach = longest_s / request.clip.interval_s * undo.strength * (0.5 if undo.reference == "middle" else 1.0)
+    reach = longest_s / request.clip.camera_interval_s * undo.strength * (0.5 if undo.reference == "middle" else 1.0)
     largest = 0.0
     frames = 0
     lost = 0

@@ -17,6 +17,7 @@ from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.video.calibrate.readout_regression import PairMotion, Regression, Run, regression, runs_of
 from unshutter.video.file.ahead import ahead
+from unshutter.video.file.camera_clock import Changes
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage, Steps
 
@@ -27,10 +28,11 @@ COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
 class TrackedFrame:
     """A frame, and tracks of corners from the previous one."""
 
-    time_s: float
-    since: float | None = None  # time since the previous frame [usual frame intervals]; None: that is no neighbour
+    time_s: float  # on the camera's clock
+    since: float | None = None  # time since the previous frame [intervals of the camera]; None: that is no neighbour
     tracks: Tracks | None = None  # all tracks; None for the first frame of a part
     before: Background | None = None  # tracks between the two frames before that move with the camera, if known
+    changed_px: float | None = None  # apparent displacement since the previous frame (:class:`Changes`)
 
     @cached_property
     def background(self) -> Background | None:
@@ -56,19 +58,26 @@ class SampledFrames:
         return {frame.time_s: frame.tracks for frame in self.frames if frame.tracks is not None}
 
     @cached_property
-    def pair_runs(self) -> list[Run]:
-        """The pairs of consecutive frames whose motion is known, through a lens that keeps lines straight."""
-        runs: list[Run] = []
+    def motions(self) -> list[list[PairMotion | None]]:
+        """Motion of the picture to each frame of each part but its first, through a lens that keeps lines straight."""
+        found = []
         for part in self.parts:
             planes = [frame.background for frame in part[1:]]
-            known = [plane.tracks for plane in planes if plane is not None and plane.joined]
-            motions = iter(PairMotion.through_lens(known))
-            pairs = [
-                (next(motions) if plane is not None and plane.joined else None, frame.since)
-                for plane, frame in zip(planes, part[1:], strict=True)
-            ]
-            if known:
-                runs += runs_of(pairs, known[0].height / known[0].width)
+            motions = iter(
+                PairMotion.through_lens([each.tracks for each in planes if each is not None and each.joined])
+            )
+            found.append([next(motions) if each is not None and each.joined else None for each in planes])
+        return found
+
+    @cached_property
+    def pair_runs(self) -> list[Run]:
+        """The pairs of consecutive frames whose motion is known."""
+        runs: list[Run] = []
+        for part, motions in zip(self.parts, self.motions, strict=True):
+            tracks = next((frame.tracks for frame in part if frame.tracks is not None), None)
+            if tracks is not None:
+                pairs = zip(motions, (frame.since for frame in part[1:]), strict=True)
+                runs += runs_of(pairs, tracks.height / tracks.width)
         return runs
 
     @cached_property
@@ -117,6 +126,7 @@ def sample_frames(
     parts_s: Sequence[tuple[float | None, float | None]],
     steps: Steps | None = None,
     stage: Stage = Stage.SURVEY,
+    is_followed: bool = True,
 ) -> SampledFrames:
     """Decodes parts of a clip, and tracks corners in them.
 
@@ -124,6 +134,7 @@ def sample_frames(
         parts_s: begin and end of each part [s], in order and apart; None means no limit.
         steps: counts the frames.
         stage: as what they are counted.
+        is_followed: whether corners are tracked.
     """
     parts = []
     for start, end in parts_s:
@@ -131,12 +142,16 @@ def sample_frames(
         before = None
         grey_before = None
         plane_before = None
+        changes = Changes(request.clip.clock)
         for frame in ahead(request.clip.frames_between(start, end), request.clip.most_ahead(3)):
             grey = request.grey(frame, COPY_SIDE)
-            tracked = TrackedFrame(frame.time or 0.0)
+            if changes.is_repeated(grey):
+                continue
+            tracked = TrackedFrame(request.clip.camera_time(frame))
             if grey_before is not None:
                 since = request.clip.since(before, frame)
-                tracked = TrackedFrame(tracked.time_s, since, follow(grey_before, grey), plane_before)
+                tracks = follow(grey_before, grey) if is_followed else None
+                tracked = TrackedFrame(tracked.time_s, since, tracks, plane_before, changes.px)
             part.append(tracked)
             request.work.advance(stage)
             before = frame

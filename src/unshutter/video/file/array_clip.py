@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -16,11 +16,13 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion.shapes import UInt
 from unshutter.photo.photo import check_size
+from unshutter.video.file.bars import may_have_bars, picture_within_bars
 from unshutter.video.file.clip import Clip
 from unshutter.video.file.pixels import ArrayFrame, PixelFormat
 
 Pixels = UInt[np.ndarray, "height width *bands"]
 _MOST_BANDS = 4
+_LOOKED_AT = 24  # frames in which bars are looked for
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,9 +43,10 @@ class ArrayClip(Clip):
         for first in arrays:
             _check(first)
             frames = arrays.most if isinstance(arrays, FirstFrames) else len(arrays)
-            return cls(
+            pixels = PixelFormat.of_array(first)
+            clip = cls(
                 path="the clip",
-                pixels=PixelFormat.of_array(first),
+                pixels=pixels,
                 height=first.shape[0],
                 width=first.shape[1],
                 interval_s=interval_s,
@@ -52,6 +55,10 @@ class ArrayClip(Clip):
                 arrays=arrays,
                 first=first,
             )
+            if not may_have_bars(pixels, ArrayFrame(first, 0.0)):
+                return clip
+            every = max(frames // _LOOKED_AT, 1)
+            return replace(clip, picture=picture_within_bars(pixels, islice(clip.frames_between(), 0, None, every)))
         return None
 
     def frames_between(self, start: float | None = None, end: float | None = None) -> Generator[ArrayFrame]:

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unshutter.motion.grid import Tile
 from unshutter.motion.lens import Lens
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import ScanDirection
 from unshutter.progress import SILENT, ClipObserver
+from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.camera_tags import CameraTags
-from unshutter.video.file.pixels import Frame, PixelFormat
+from unshutter.video.file.pixels import Frame, PixelFormat, small_grey
 from unshutter.video.file.stages import Stage, Steps, Work
 
 if TYPE_CHECKING:
-    from unshutter.motion.shapes import UInt8
+    from unshutter.motion.shapes import UInt, UInt8
 
 
 _WHOLE = 0.03  # of a frame interval: times this close to even ones are taken as even
@@ -32,10 +34,12 @@ class Clip(ABC):
     pixels: PixelFormat
     height: int  # rows of the stored frames [px]
     width: int  # their columns [px]
-    interval_s: float  # the usual time from one frame to the next [s]
+    interval_s: float  # the usual time from one frame to the next, as the file shows them [s]
     frames: int  # number of frames, or of those that can be examined; 0 if unknown
     duration_s: float  # duration [s]; 0 if unknown
     begin_s: float = 0.0  # time of the frames' clock at which the clip begins [s]
+    picture: Tile | None = None  # the part of the stored frames between bars, which the camera saw; None: all of it
+    clock: CameraClock = field(default_factory=CameraClock)  # the camera's, as far as it differs from the file's
     # tags of the container and of the video stream; the latter take precedence
     tags: dict[str, str] = field(default_factory=dict)
     camera: CameraTags = field(default_factory=CameraTags)  # what the camera states in its own way
@@ -49,6 +53,25 @@ class Clip(ABC):
         """Yields the frames between two times [s] in presentation order; None means no limit."""
 
     @property
+    def picture_size(self) -> tuple[int, int]:
+        """Height and width of what the camera saw of the stored frames [px]."""
+        inside = self.picture
+        return (self.height, self.width) if inside is None else (inside.bottom - inside.top, inside.right - inside.left)
+
+    def planes(self, frame: Frame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
+        """Returns the planes of what the camera saw of a frame: views of its memory, valid as long as it exists."""
+        planes = self.pixels.arrays(frame)
+        inside = self.picture
+        if inside is None:
+            return planes
+        return [
+            plane[inside.top // kind.down : -(-inside.bottom // kind.down), inside.left // kind.across :][
+                :, : -(-(inside.right - inside.left) // kind.across)
+            ]
+            for kind, plane in zip(self.pixels.planes, planes, strict=True)
+        ]
+
+    @property
     def frame_bytes(self) -> float:
         """Memory size of a decoded frame [bytes]."""
         size = sum(plane.bands / plane.across / plane.down for plane in self.pixels.planes)
@@ -58,8 +81,22 @@ class Clip(ABC):
         """Returns how many frames may wait between two steps: the given number, or fewer if they are large."""
         return min(frames, max(1, int(25_000_000 / self.frame_bytes)))
 
+    @property
+    def camera_interval_s(self) -> float:
+        """The usual time from one frame to the next on the camera's clock [s]."""
+        return self.clock.interval_s(self.interval_s)
+
+    @property
+    def camera_step_s(self) -> float:
+        """The file's usual time from one frame of the camera to the next that the file holds [s]."""
+        return self.interval_s / min(float(self.clock.share), 1.0)
+
+    def camera_time(self, frame: Frame) -> float:
+        """Returns the time of a frame on the camera's clock [s]."""
+        return (frame.time or 0.0) / self.clock.slowed
+
     def since(self, before: Frame | None, frame: Frame) -> float | None:
-        """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours.
+        """Returns the time from one frame to the next in intervals of the camera, or None if they are not neighbours.
 
         Times that hardly increase are wrong: such frames are taken as one interval apart.
         """
@@ -71,7 +108,9 @@ class Clip(ABC):
             gap = float(round(gap))
         if gap < 0.05:  # frame intervals: no camera takes frames so fast after one another
             return 1.0
-        return gap if 0.2 < gap <= 4 else None  # frame intervals; frames farther apart are not neighbours
+        if self.clock.share != 1:
+            gap = self.clock.since(gap, round((frame.time - self.begin_s) / self.interval_s))
+        return gap if 0.2 < gap <= 4 else None  # intervals; frames farther apart are not neighbours
 
 
 @dataclass(frozen=True)
@@ -98,7 +137,7 @@ class ClipRequest:
     @property
     def frame_size(self) -> tuple[int, int]:
         """Height and width of the readout frame [px]."""
-        return self.scan_direction.frame_size(self.clip.height, self.clip.width)
+        return self.scan_direction.frame_size(*self.clip.picture_size)
 
     @property
     def focal(self) -> float | None:
@@ -113,7 +152,8 @@ class ClipRequest:
 
     def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
         """Returns a small grey copy of a frame, as it was read out, with a short side of about ``side`` px."""
-        return np.ascontiguousarray(self.scan_direction.to_scan_frame(self.clip.pixels.grey(frame, side)))
+        small = small_grey(self.clip.planes(frame)[0], side, self.clip.pixels.depth)
+        return np.ascontiguousarray(self.scan_direction.to_scan_frame(small))
 
     @property
     def frames(self) -> int:

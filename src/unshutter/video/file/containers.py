@@ -44,6 +44,7 @@ class VideoFile:
     stream: BinaryIO  # the file, through which FFmpeg reads: to be used otherwise only before or after its packets
     container: Any  # PyAV's
     video: Any  # its first stream of moving pictures
+    damaged_s: list[float | None] = field(default_factory=list)  # times of its packets that cannot be decoded [s]
 
     @property
     def other_films(self) -> list[Any]:
@@ -110,12 +111,13 @@ def _unreadable(place: str, cause: str | None) -> UnshutterError:
     return UnshutterError(f"cannot read {{clip}}: {cause}", clip=place)
 
 
-def decode_packet(packet: Packet, place: str) -> list[VideoFrame]:
-    """Returns the frames that a packet completes; raises UnshutterError if it is damaged."""
+def decode_packet(packet: Packet, file: VideoFile) -> list[VideoFrame]:
+    """Returns the frames that a packet completes: none if it is damaged, which the file is told."""
     try:
         return packet.decode()
     except av().error.FFmpegError:
-        raise damaged(place, time_of(packet)) from None
+        file.damaged_s.append(time_of(packet))
+        return []
 
 
 def time_of(packet: Packet) -> float | None:
@@ -125,12 +127,13 @@ def time_of(packet: Packet) -> float | None:
 
 def interlaced(place: str) -> UnshutterError:
     """Returns the error for a clip whose rows show two moments."""
-    return UnshutterError("{clip} is interlaced (its rows show two moments): deinterlace it first", clip=place)
+    ways = "deinterlace it first or, if its frames are whole, add {--progressive}"
+    return UnshutterError(f"{{clip}} is interlaced (its rows show two moments): {ways}", clip=place)
 
 
 def damaged(place: str, at: float | None) -> UnshutterError:
-    """Returns the error for a video that is damaged at a given time [s]."""
-    where = "" if at is None else f" at {at:.1f} s"
+    """Returns the error for a video of which much is damaged, first at a given time of the clip [s]."""
+    where = "" if at is None else f" from {at:.1f} s on"
     return UnshutterError(f"{{clip}} is damaged{where}: use the intact part with {{--start}} and {{--end}}", clip=place)
 
 

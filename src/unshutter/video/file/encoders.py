@@ -15,6 +15,7 @@ from unshutter.frames.pyav import VIDEO_FORMATS, av
 from unshutter.options.clip_options import Encode
 from unshutter.reasons import JsonObject
 from unshutter.video.file.clip_facts import ClipFacts, Coding
+from unshutter.video.file.pixels import LIMITED_RANGE
 
 if TYPE_CHECKING:
     from av.container import OutputContainer
@@ -74,6 +75,7 @@ class Encoder:
     qscale: int | None = None  # quality for encoders without CRF; None if CRF or a bit rate is set
     bits_per_s: int | None = None  # target bit rate; None if the quality determines it
     tagged: bool = True  # whether the video gets the codec tag of a clip of the same codec
+    narrows: bool = False  # whether it is to write limited range, since it cannot state the clip's full range
 
     @classmethod
     def choose(cls, clip: ClipFacts, encode: Encode) -> Encoder:
@@ -114,6 +116,8 @@ class Encoder:
         context.time_base = _time_base(self.name, coding.time_base or 1 / rate, rate)
         for name, code in coding.colours.items():
             setattr(context, name, code)
+        if self.narrows:
+            context.color_range = LIMITED_RANGE
         if coding.pixel_aspect:
             context.sample_aspect_ratio = coding.pixel_aspect
         if self.qscale is not None:

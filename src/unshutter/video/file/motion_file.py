@@ -13,6 +13,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import Step
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
+from unshutter.motion.grid import Tile
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion_file import reason_of
 from unshutter.orientation import ScanDirection
@@ -31,7 +32,7 @@ _SAVED = tuple((rows - 1) // STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # number
 class ClipMotion:
     """The content of a motion file."""
 
-    ratio: float  # readout time in frame intervals
+    ratio: float  # readout time in frame intervals of the camera
     scan_direction: ScanDirection  # direction in which the stored pixels were read
     height: int  # of the stored frames [px]
     width: int
@@ -40,6 +41,8 @@ class ClipMotion:
     cuts: list[bool]  # [N] whether a frame shows another scene than the previous one
     steps: list[Step | None]  # [N] rotation of the camera since the previous frame; None if unknown
     lens: Lens | None = None  # the camera's lens, if it bends straight lines
+    interval_s: float | None = None  # that interval [s]; None if the file lacks it
+    picture: Tile | None = None  # the part of the frames between bars; None: all of it
 
     def at(self, time_s: float) -> tuple[Finding, bool, Step | None]:
         """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it."""
@@ -56,17 +59,18 @@ class MotionWriter:
         self._stream = stream
         self._separator = ""
         clip = request.clip
-        ratio = time.ratio(clip.interval_s)
+        ratio = time.ratio(clip.camera_interval_s)
         head = {
             "format": FORMAT,
             "unshutter": __version__,
             "height": clip.height,
             "width": clip.width,
             "readout": str(request.scan_direction),
-            "frame_interval_s": clip.interval_s,
+            "frame_interval_s": clip.camera_interval_s,
             "readout_ratio": ratio.value,
             "readout_ratio_sd": ratio.error or None,
             "found_by": ratio.source,
+            **({} if clip.picture is None else {"picture": clip.picture._asdict()}),
             **({} if request.lens is None else {"lens": request.lens.as_json()}),
         }
         stream.write(json.dumps(head)[:-1] + ', "frames": [\n')
@@ -118,9 +122,15 @@ def _parsed(data: JsonObject) -> ClipMotion:
     height = int(data["height"])
     width = int(data["width"])
     ratio = float(data["readout_ratio"])
+    interval_s = data.get("frame_interval_s")
     if not 0 < ratio <= 1 or not 0 < height < 1 << 20 or not 0 < width < 1 << 20:
         raise ValueError("numbers out of range")
-    frame_height, frame_width = scan_direction.frame_size(height, width)
+    picture = Tile(**{side: int(data["picture"][side]) for side in Tile._fields}) if "picture" in data else None
+    inside = picture or Tile(0, height, 0, width)
+    if not 0 <= inside.top < inside.bottom <= height or not 0 <= inside.left < inside.right <= width:
+        raise ValueError("a picture that is not in its frame")
+    size = inside.bottom - inside.top, inside.right - inside.left
+    frame_height, frame_width = scan_direction.frame_size(*size)
     small = max(1, round(frame_width * ROWS / frame_height))
     lens = Lens.of_json(data["lens"]) if "lens" in data else None
     motions: list[Finding] = []
@@ -139,7 +149,8 @@ def _parsed(data: JsonObject) -> ClipMotion:
         raise ValueError("no frames, or times that are not numbers")
     cuts = [bool(frame["cut"]) for frame in data["frames"]]
     steps = [_step(frame) for frame in data["frames"]]
-    return ClipMotion(ratio, scan_direction, height, width, times, motions, cuts, steps, lens)
+    interval_s = None if interval_s is None else float(interval_s)
+    return ClipMotion(ratio, scan_direction, height, width, times, motions, cuts, steps, lens, interval_s, picture)
 
 
 def _step(frame: JsonObject) -> Step | None:

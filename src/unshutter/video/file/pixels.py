@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt, UInt8
 
 COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
+LIMITED_RANGE, FULL_RANGE = 1, 2  # FFmpeg's codes
 # Combing is looked for in blocks [rows, columns], of every third column, that differ from rows next to them by so much
 # [8-bit steps]; frames have it if so large a share of these differ more from rows of the other field than of their own
 _BLOCK, _SEEN, _OTHER_FIELD, _COMBED = (8, 11), 4.0, 1.3, 0.02
@@ -43,6 +44,11 @@ class ArrayFrame:
 
 
 Frame: TypeAlias = "VideoFrame | ArrayFrame"
+
+
+def is_damaged(frame: Frame) -> bool:
+    """Whether a frame was decoded from damaged data."""
+    return not isinstance(frame, ArrayFrame) and frame.is_corrupt
 
 
 def of_file(frame: Frame) -> VideoFrame:
@@ -130,7 +136,7 @@ class PixelFormat:
 
     def is_full_range(self, frame: Frame) -> bool:
         """Whether 0 is black in a frame."""
-        return isinstance(frame, ArrayFrame) or frame.color_range == 2 or self.name.startswith("yuvj")
+        return isinstance(frame, ArrayFrame) or frame.color_range == FULL_RANGE or self.name.startswith("yuvj")
 
     def is_combed(self, frame: Frame) -> bool:
         """Whether rows of a frame show two moments: where the picture moves, every other row lies apart.
@@ -151,10 +157,6 @@ class PixelFormat:
         other, own = unlike
         seen = np.maximum(other, own) > _SEEN
         return bool(np.sum(seen & (other > _OTHER_FIELD * own)) > _COMBED * max(np.sum(seen), 1))
-
-    def grey(self, frame: Frame, side: int) -> UInt8[np.ndarray, "rows columns"]:
-        """Returns a small grey copy of a frame, with a short side of about ``side`` px; never larger than the frame."""
-        return small_grey(self.arrays(frame)[0], side, self.depth)
 
 
 def small_grey(

@@ -23,6 +23,7 @@ from unshutter.video.file.clip_facts import ClipFacts
 from unshutter.video.file.containers import ALPHA_MODE, COVER, ONE_FILM, VideoFile, opened, time_of
 from unshutter.video.file.encoders import REDUCED, Encoder, others_for
 from unshutter.video.file.part_times import chapters_of_part, timecode_after
+from unshutter.video.file.pixels import FULL_RANGE, LIMITED_RANGE
 from unshutter.video.file.stages import Stage, Work
 
 if TYPE_CHECKING:
@@ -97,6 +98,10 @@ class VideoWriter:
             self.parts.append(Part("the last 2 of 12 bits of each colour", Fate.LEFT_OUT, f"{encoder.name} writes 10"))
         if any(name.lower() == ALPHA_MODE and value != "0" for name, value in like.metadata.items()):
             self.parts.append(Part("transparency", Fate.LEFT_OUT, "FFmpeg does not decode that of VP8 and VP9"))
+        self._narrows = encoder.narrows
+        if encoder.narrows:
+            why = f"converted to the limited range of {encoder.name}"
+            self.parts.append(Part("the full range of levels", Fate.LEFT_OUT, why))
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
         self._bytes = 0
         self._packets = 0
@@ -165,15 +170,24 @@ class VideoWriter:
     def add_frame(self, frame: VideoFrame) -> None:
         """Writes the next rectified frame, with the times of the original, after the packets that come before it."""
         self._add_packets(frame.time or 0.0)
-        if frame.format.name != self._pixel_format:
+        if self._narrows:
+            levels = {"src_color_range": FULL_RANGE, "dst_color_range": LIMITED_RANGE}
+            frame = frame.reformat(format=self._pixel_format, **levels)
+        elif frame.format.name != self._pixel_format:
             frame = frame.reformat(format=self._pixel_format)
         frame.pict_type = 0  # the encoder chooses the key frames
         if frame.pts is not None and frame.time_base:
             base = self._stream.codec_context.time_base
             ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
-            frame.pts = self._last = max(ticks, self._last + 1)
+            frame.pts = self._last = max(ticks, self._last + self._least_step())
             frame.time_base = base
         self._put(lambda: self._add_encoded(self._stream.encode(frame)))
+
+    def _least_step(self) -> int:
+        """Returns the least time between two frames that the file tells apart, too [units of the encoder]."""
+        self._container.start_encoding()
+        own = self._stream.time_base
+        return 1 if not own else max(math.ceil(own / self._stream.codec_context.time_base), 1)
 
     def _add_packets(self, until_s: float) -> None:
         def begins_s(packet: Packet) -> float:
@@ -306,13 +320,13 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     The error names endings and encoders that were tried and work.
     """
 
-    def fits(ending: str, encoder: Encoder) -> bool:
-        return _takes(ending, "video", partial(_frame, clip=clip, encoder=encoder))
+    def fits(ending: str, encoder: Encoder, in_full_range: bool = False) -> bool:
+        return _takes(ending, "video", partial(_frame, clip=clip, encoder=encoder), in_full_range=in_full_range)
 
     untagged = replace(encoder, tagged=False)
     for trial in (encoder, untagged):
         if fits(ending, trial):
-            return trial
+            return replace(trial, narrows=clip.is_full_range and not fits(ending, trial, in_full_range=True))
     endings = [other for other in USUAL if fits(other, untagged)]
     others = (Encoder.choose(clip, Encode(name)) for name in others_for(clip.pixels.name))
     codec = next((f"add {{--codec}} {other.name}" for other in others if fits(ending, other)), "")
@@ -324,11 +338,12 @@ def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
     )
 
 
-def _takes(ending: str, kind: str, *adding: Callable[[Any], Callable[[], None]]) -> bool:
+def _takes(ending: str, kind: str, *adding: Callable[[Any], Callable[[], None]], in_full_range: bool = False) -> bool:
     """Whether a video can hold streams, one of them of a kind; many formats report late or never what they leave out.
 
     Args:
         adding: each adds a stream to a container, and returns what writes into it once all are there.
+        in_full_range: whether frames must be read back as of full range.
     """
     file = io.BytesIO()
     try:
@@ -339,9 +354,16 @@ def _takes(ending: str, kind: str, *adding: Callable[[Any], Callable[[], None]])
         file.seek(0)
         with av().open(file) as back:
             found = [stream for stream in back.streams if stream.type == kind]
-            return any(kind != "video" or (each.codec_context and each.codec_context.pix_fmt) for each in found)
+            return any(kind != "video" or _has_frames(each, in_full_range) for each in found)
     except (ValueError, UnshutterError, av().error.FFmpegError):
         return False
+
+
+def _has_frames(stream: Any, in_full_range: bool) -> bool:
+    if not stream.codec_context or not stream.codec_context.pix_fmt:
+        return False
+    frames = stream.container.decode(stream) if in_full_range else ()  # a container's word for it may not count
+    return not in_full_range or any(each.color_range == FULL_RANGE for each in frames)
 
 
 def _frame(container: Any, clip: ClipFacts, encoder: Encoder) -> Callable[[], None]:

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from unshutter.frames.frame_motion import AT_REST, FrameMotion, Step
-from unshutter.motion import Motion, RotationMotion
+from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.finding import Finding
 from unshutter.readout_time import ReadoutTime
-from unshutter.reasons import Code
+from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate.motion_estimation import camera_motion, grey_copies, small_finding
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.file.clip import ClipRequest
-from unshutter.video.file.pixels import Frame
+from unshutter.video.file.pixels import Frame, is_damaged
 from unshutter.video.file.row_samples import as_kept, step_as_kept
 from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.synchronisation import GyroRotations
@@ -77,7 +77,10 @@ def with_motion(
     for motion, small in _bridged(camera.motions(grey_copies(request, read(), sampled))):
         cut = last is not None and motion.scene != last.scene
         step = step_as_kept(motion.step_from(last)) if with_steps else None
-        yield MovingFrame(waiting.popleft(), as_kept(small, request.lens), cut=cut, step=step)
+        frame = waiting.popleft()
+        if is_damaged(frame):
+            small = Finding(RowMotion.zero(small.motion.height, small.motion.width), reason=Reason(Code.DAMAGED))
+        yield MovingFrame(frame, as_kept(small, request.lens), cut=cut, step=step)
         last = motion
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -20,6 +20,7 @@ from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.grid import SamplingGrid
 from unshutter.options.clip_options import ClipUndo
 from unshutter.orientation import ScanDirection
+from unshutter.video.file.camera_clock import Changes
 from unshutter.video.file.clip import Clip, ClipRequest
 from unshutter.video.file.stages import Stage
 from unshutter.video.render.clip_motion import MovingFrame
@@ -47,6 +48,7 @@ class LinkedFrame:
     planes: dict[int, list[UInt[np.ndarray, "rows columns *bands"]]]
     timing: Timing  # the clock of the clip
     scan_direction: ScanDirection  # direction in which its stored pixels were read
+    picture_size: tuple[int, int]  # height and width of what the camera saw of it [px]
 
     def grids(self, undo: ClipUndo) -> tuple[SamplingGrid | None, list[Lender]]:
         """Returns where each pixel of the rectified frame is sampled, in the frame itself and in possible lenders.
@@ -68,8 +70,7 @@ class LinkedFrame:
 
     def _grid(self, shift: np.ndarray) -> SamplingGrid:
         """Converts the shift of every pixel of the small copy to the grid of a whole frame."""
-        frame = self.moving.frame
-        return grid_of_flow(shift, self.scan_direction, frame.height, frame.width, self.moving.view)
+        return grid_of_flow(shift, self.scan_direction, *self.picture_size, self.moving.view)
 
 
 def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) -> Iterator[LinkedFrame]:
@@ -77,15 +78,19 @@ def linked(request: ClipRequest, frames: Iterable[MovingFrame], ratio: float) ->
     timing = Timing(ratio, request.frame_size[0])
     before: _Copied | None = None
     current: _Copied | None = None
+    changes = Changes(request.clip.clock)
     for moving in frames:
         following = _Copied.of(request, moving)
+        request.work.advance(Stage.LINK)
+        if request.clip.clock.repeats and changes.is_repeated(following.copy) and current is not None:
+            current.repeats.append(moving)
+            continue
         if current is not None:
             current.connect(request.clip, following, ratio)
-            yield current.with_neighbours(before, following, timing, request.scan_direction)
-            request.work.advance(Stage.LINK)
+            yield from current.with_neighbours(before, following, timing, request)
         before, current = current, following
     if current is not None:
-        yield current.with_neighbours(before, None, timing, request.scan_direction)
+        yield from current.with_neighbours(before, None, timing, request)
 
 
 @dataclass
@@ -96,13 +101,14 @@ class _Copied:
     copy: UInt8[np.ndarray, "rows columns"]  # small and grey, in the readout frame
     planes: list[np.ndarray]  # empty unless pixels are borrowed
     to_next: Link | None = None  # flow to the next frame
+    repeats: list[MovingFrame] = field(default_factory=list)  # frames that repeat it
 
     @classmethod
     def of(cls, request: ClipRequest, moving: MovingFrame) -> _Copied:
         clip, borrow = request.clip, EdgePolicy(request.options.undo.edges).borrows
-        side = min(copy_side(clip.height, clip.width), _MOST_ROWS)
+        side = min(copy_side(*clip.picture_size), _MOST_ROWS)
         # The frame itself may be overwritten before its neighbours are warped.
-        planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
+        planes = [plane.copy() for plane in clip.planes(moving.frame)] if borrow else []
         return cls(moving, request.grey(moving.frame, side), planes)
 
     def connect(self, clip: Clip, following: _Copied, ratio: float) -> None:
@@ -117,9 +123,11 @@ class _Copied:
                 self.to_next = flow_to_next
 
     def with_neighbours(
-        self, before: _Copied | None, after: _Copied | None, timing: Timing, scan_direction: ScanDirection
-    ) -> LinkedFrame:
+        self, before: _Copied | None, after: _Copied | None, timing: Timing, request: ClipRequest
+    ) -> Iterator[LinkedFrame]:
+        """Yields it with its neighbours, and the frames that repeat it with the same."""
         beside = {-1: (before, before and before.to_next), 1: (after, self.to_next)}
         links = {side: to for side, (frame, to) in beside.items() if frame is not None and to is not None}
         planes = {side: frame.planes for side, (frame, _) in beside.items() if side in links and frame and frame.planes}
-        return LinkedFrame(self.moving, links, planes, timing, scan_direction)
+        for moving in (self.moving, *self.repeats):
+            yield LinkedFrame(moving, links, planes, timing, request.scan_direction, request.clip.picture_size)

@@ -45,7 +45,7 @@ class Warper:
 
     clip: Clip
     undo: ClipUndo  # how motion is undone
-    window: Tile | None = None  # the part of each frame to keep; None for all of it
+    window: Tile | None = None  # the part to keep of what the camera saw; None for all of each frame
     _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
 
     @property
@@ -67,7 +67,7 @@ class Warper:
         motion, frame, view = self.motion(moving), moving.frame, moving.view
         if motion.is_zero and view is None:
             return NewFrame(moving, frame if self.window is None else self._dressed(frame, frame))
-        picture = self._warped(frame, grid_of_motion(motion, frame.height, frame.width, view))
+        picture = self._warped(frame, grid_of_motion(motion, *self.clip.picture_size, view))
         return NewFrame(moving, self._dressed(picture, frame))
 
     def _by_flow(self, linked: LinkedFrame) -> NewFrame:
@@ -87,7 +87,9 @@ class Warper:
         picture = pixels.blank(frame, self.clip.height, self.clip.width)
         full = pixels.is_full_range(frame)
         black_beyond = EdgePolicy(self.undo.edges).black_beyond
-        planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
+        if self.clip.picture is not None:
+            _copy_planes(pixels.arrays(frame), pixels.arrays(picture))  # with the bars
+        planes = list(zip(pixels.planes, self.clip.planes(frame), self.clip.planes(picture), strict=True))
         for subsampling in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [each for each in planes if (each[0].across, each[0].down) == subsampling]
             black = [each.black_full if full else each.black for each, _, _ in alike for _ in range(each.bands)]
@@ -106,7 +108,7 @@ class Warper:
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
-            out = pixels.arrays(picture)
+            out = self.clip.planes(picture)
             rows, columns = out[alike[0]].shape[:2]
             plane = Extent.of_picture(rows, columns, 0.5, 0.5)  # with the outer halves of its border pixels
             bands = [
@@ -127,15 +129,14 @@ class Warper:
         """Returns the new pixels with the time, colours and side data of the original frame."""
         if self.window is None and _SIDE_DATA & self.clip.side_data.keys():
             of_file(frame).make_writable()
-            for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):
-                np.copyto(old, new)
+            _copy_planes(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame))
             return frame
         return picture if self.window is None else self._cut(picture, self.window)
 
     def _cut(self, frame: Frame, window: Tile) -> Frame:
         pixels = self.clip.pixels
         picture = pixels.blank(frame, *self.size)
-        for plane, old, new in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True):
+        for plane, old, new in zip(pixels.planes, self.clip.planes(frame), pixels.arrays(picture), strict=True):
             top, left = window.top // plane.down, window.left // plane.across
             np.copyto(new, old[top : top + new.shape[0], left : left + new.shape[1]])
         return picture
@@ -148,20 +149,26 @@ def common_window(warper: Warper, frames: Iterable[tuple[Motion, View | None]]) 
         frames: motion (first row as the reference) and view of each.
     """
     clip = warper.clip
-    mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
+    height, width = clip.picture_size
+    mask = np.ones((height // _COARSE, width // _COARSE), bool)
     for found, view in frames:
         motion = undone_part(found, warper.undo)
         if motion.is_zero and view is None:
             continue
-        last = clip.width / _COARSE - 2, clip.height / _COARSE - 2  # a margin of one spacing
+        last = width / _COARSE - 2, height / _COARSE - 2  # a margin of one spacing
         safe = Extent(1, 1, *last)
-        for rows, positions in grid_of_motion(motion, clip.height, clip.width, view).bands(_COARSE, _COARSE):
+        for rows, positions in grid_of_motion(motion, height, width, view).bands(_COARSE, _COARSE):
             part = mask[rows]
             part &= safe.holds(*positions)[: part.shape[0], : part.shape[1]]
     if mask.all():
         return None
     window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window
     return Tile(*(_COARSE * side for side in window))
+
+
+def _copy_planes(old: list[np.ndarray], new: list[np.ndarray]) -> None:
+    for source, target in zip(old, new, strict=True):
+        np.copyto(target, source)
 
 
 def _borrow_plane(

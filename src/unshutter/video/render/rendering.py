@@ -22,6 +22,7 @@ from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.calibrate.clip_gyro import level_rotations
 from unshutter.video.decision import Decision, Leave, RectifyFrames
 from unshutter.video.file.ahead import ahead
+from unshutter.video.file.camera_clock import SIDE, Changes
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.row_samples import ROWS
 from unshutter.video.file.stages import Stage
@@ -92,9 +93,13 @@ class Rendering:
             yield zero if isinstance(self.decision, Leave) else self.path.finding(number).motion, self.view(number)
 
     def _viewed(self, frames: Generator[MovingFrame]) -> Generator[MovingFrame]:
+        shown = 0
+        changes = Changes(self.request.clip.clock)
         with closing(frames):
             for number, moving in enumerate(frames):
-                yield replace(moving, view=self.view(number))
+                is_same = self.request.clip.clock.repeats and changes.is_repeated(self.request.grey(moving.frame, SIDE))
+                shown = shown if is_same else number
+                yield replace(moving, view=self.view(shown))
 
     def _with_known_motion(self, frames: Generator[Frame]) -> Generator[MovingFrame]:
         decision = self.decision
@@ -117,7 +122,7 @@ class Rendering:
         undo = self.request.options.undo
         moving: Generator[MovingFrame | LinkedFrame] = self.moving(frames)
         if undo.model == "dense" and undo.strength and isinstance(self.decision, RectifyFrames):
-            ratio = self.camera.readout_time.ratio(request.clip.interval_s)
+            ratio = self.camera.readout_time.ratio(request.clip.camera_interval_s)
             moving = ahead(linked(request, moving, ratio.value), _LINKED_AHEAD)
         return side_by_side(warper, moving, thread_count())
 
@@ -173,7 +178,8 @@ def _with_steady_views(rendering: Rendering) -> Rendering:
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
             "save it again with {--save-motion}"
         )
-    up = rotations and up_directions(rotations, np.array(path.times_s), READOUT_FRACTION[options.undo.reference])
+    times_s = np.array(path.times_s) / request.clip.clock.slowed
+    up = rotations and up_directions(rotations, times_s, READOUT_FRACTION[options.undo.reference])
     steady = stabilised(path, options.steadiness, request.clip.interval_s, up)
     if isinstance(decision, Leave):
         decision = replace(decision, frames=len(path))
@@ -197,7 +203,7 @@ def _with_hidden_borders(rendering: Rendering) -> Rendering:
         return rendering
     rendering = with_known_motion(rendering)
     assert rendering.path is not None
-    size = rendering.request.clip.height, rendering.request.clip.width
+    size = rendering.request.clip.picture_size
     return replace(rendering, enlargement=Enlargement.least(rendering.path, *size, rendering.straight))
 
 
