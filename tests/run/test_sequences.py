@@ -130,6 +130,19 @@ def test_gaps_in_time_part_a_sequence(moving, tmp_path):
     ]
 
 
+def test_missing_numbers_part_a_sequence(moving, tmp_path):
+    """A frame that was deleted took its time: those next to it are not neighbours."""
+    _, folder = moving
+    photos = [Path(path) for path in sorted(folder.glob("*.png")) if path.stem != "4"]
+    jobs = [Job(photo, (Target(tmp_path / photo.name),)) for photo in photos]
+    request = Rectify(neighbours=Neighbours(sequence=True, clock=Clock(0.9)))
+    complete, _ = add_motions(jobs, photos, request, 10**8)
+    found = [(job.before and job.before.stem, job.after and job.after.stem) for job in complete]
+    assert found == [(None, "1"), ("0", "2"), ("1", "3"), ("2", None), (None, None)]
+    complete, _ = add_motions(jobs[::2], photos[::2], request, 10**8)  # too few to tell how they count
+    assert [job.after and job.after.stem for job in complete] == ["2", "5", None]
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

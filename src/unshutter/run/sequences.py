@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
@@ -57,11 +60,12 @@ def _grey_frames(
 ) -> Iterator[GreyFrame | None]:
     """Yields grey copies of the photos; None where the sequence is interrupted.
 
-    It is interrupted between folders, at unreadable photos, and at gaps in time. Readable photos are appended to
-    ``readable``, and pairs of consecutive photos to ``pairs``.
+    It is interrupted between folders, at unreadable photos, at gaps in time, and where numbers are missing in names
+    that usually count on. Readable photos are appended to ``readable``, and pairs of consecutive photos to ``pairs``.
     """
     last: tuple[Path, datetime | None] | None = None
     interval: timedelta | None = None
+    usual = _usual_step(photos)
     for where in photos:
         try:
             photo = open_input(where, max_pixels)
@@ -75,7 +79,9 @@ def _grey_frames(
         time = photo.taken()
         if last is not None:
             since = time - last[1] if time is not None and last[1] is not None else None
-            if last[0].parent != where.parent or _is_gap(since, interval):
+            step = _step(last[0], where)
+            is_missing = usual is not None and step is not None and step > usual
+            if last[0].parent != where.parent or is_missing or _is_gap(since, interval):
                 interval = None
                 yield None
             else:
@@ -84,6 +90,22 @@ def _grey_frames(
         last = where, time
         readable.append(where)
         yield frame
+
+
+def _step(first: Path, second: Path) -> int | None:
+    """Returns by how much the last number in a name exceeds that in another one; None if they differ otherwise, too."""
+    names = [re.fullmatch(r"(.*?)(\d+)(\D*)", place.name) for place in (first, second)]
+    if first.parent != second.parent or None in names:
+        return None
+    (head, number, tail), (other, following, end) = (name.groups() for name in names if name)
+    return int(following) - int(number) if (head, tail) == (other, end) else None
+
+
+def _usual_step(photos: list[Path]) -> int | None:
+    """Returns by how much numbers in names usually grow from photo to photo; None if they do not tell."""
+    steps = Counter(_step(*pair) for pair in pairwise(photos))
+    step, many = steps.most_common(1)[0] if steps else (None, 0)
+    return step if step is not None and step > 0 and many >= 3 and 2 * many >= steps.total() else None
 
 
 def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
