@@ -199,6 +199,7 @@ NOT_FOLLOWED = {
     "has no number in": "a model: tests/poses/test_row_poses.py",
     "motion files of pictures do not say when": "a model: tests/poses/test_row_poses.py",
     "is an input of this run: choose another folder": "a folder of results that a link leads to: tests/storage",
+    "cropping would leave": "a motion that leaves little: tests/motion/test_edges.py",
     "the frames have too little in common": "frames of two scenes: tests/frames/test_neighbours.py",
     "cannot read motions of kind": "a package that is not installed",
     "convert it": "another program converts the photo",

@@ -67,7 +67,7 @@ class ClipOutcome:
         readout_time: readout time, and its source.
         interval_s: the usual time from one frame to the next [s].
         clock: the camera's clock, as far as it differs from the file's.
-        picture: height and width of the picture between bars [px], which stay as they are; None if there are none.
+        picture: height and width of the picture between bars [px], which are left unchanged; None if there are none.
         model: the motion model requested.
         written: whether there is a new clip; False if nothing changed and only changes were requested.
         after_killed_run: whether leftovers of an earlier, killed run were removed.

@@ -112,7 +112,7 @@ def _unreadable(place: str, cause: str | None) -> UnshutterError:
 
 
 def decode_packet(packet: Packet, file: VideoFile) -> list[VideoFrame]:
-    """Returns the frames that a packet completes: none if it is damaged, which the file is told."""
+    """Returns the frames that a packet completes: none if it is damaged, which is counted."""
     try:
         return packet.decode()
     except av().error.FFmpegError:
