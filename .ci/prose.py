@@ -27,7 +27,7 @@ _PHRASES = [(re.compile(each["pattern"], re.IGNORECASE), each["instead"]) for ea
 _BEGINNINGS = [(re.compile(each["pattern"]), each["instead"]) for each in _SETTINGS["docstring"]]
 REMAINING: dict[str, int] = _SETTINGS["remaining"]
 SPELLING = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs", "src", "lab/src"]
-SPELLED = "Gool,ALPH,NED,ist,optio,fiel"  # names, and keys of file formats
+SPELLED = "Gool,ALPH,NED,ist,optio,fiel,indx"  # names, and keys of file formats
 NO_TEXT = "*.json,*.svg,*.csv,*.jpg,*.png,*.npz,*.onnx,*.js.map"
 
 

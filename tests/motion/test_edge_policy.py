@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -24,6 +23,7 @@ from unshutter.page import photo_jobs as screen
 from unshutter.page.opened import OpenFile
 from unshutter.page.settings import PhotoOptions
 from unshutter.photo import Photo
+from unshutter.video.file.array_clip import ArrayClip
 from unshutter.video.render.frame_warper import Warper, common_window
 
 SIZE = (100, 200)
@@ -75,7 +75,8 @@ def _with_neighbours(folder: Path) -> None:
 
 
 def _as_a_clip(folder: Path) -> None:
-    clip: Any = SimpleNamespace(height=90, width=120)
+    clip = ArrayClip.of(np.zeros((2, 90, 120), np.uint8), 1 / 30)
+    assert clip is not None
     common_window(Warper(clip, ClipUndo(edges="crop")), [(shake(90, 120), None)])
 
 
