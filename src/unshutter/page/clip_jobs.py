@@ -35,7 +35,7 @@ from unshutter.video.calibrate.camera import ClipCamera, find_camera
 from unshutter.video.calibrate.clip_gyro import log_of_clip
 from unshutter.video.calibrate.gain import is_tested
 from unshutter.video.calibrate.questions import open_question
-from unshutter.video.calibrate.readout_time import time_without_search, wobble_in_survey
+from unshutter.video.calibrate.readout_time import time_without_search, wobble_in_frames
 from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.decision import Decision, Leave, RectifyFrames, decide, why_unfit
@@ -169,8 +169,8 @@ def _found_in(open_file: OpenFile, request: ClipRequest) -> tuple[ClipCamera, Sa
     """Returns a clip's camera, the frames that were tracked for it, and the clip's wobble; cached."""
 
     def find() -> tuple[ClipCamera, SampledFrames, float | None]:
-        camera, evidence = find_camera(request)
-        return camera, evidence, wobble_in_survey(evidence, camera.complete(request).frame_size[0])
+        camera, sampled = find_camera(request)
+        return camera, sampled, wobble_in_frames(sampled, camera.complete(request).frame_size[0])
 
     _, parts = open_question(request, log_of_clip(request))
     return remembered(open_file, "camera", (request.options.shutter, request.span, parts), find)
@@ -180,9 +180,9 @@ def _decided(open_file: OpenFile, request: ClipRequest) -> tuple[ClipRequest, Cl
     """Returns the request with the camera filled in, the camera, and the decision; cached."""
 
     def decide_for(steadiness: Steadiness) -> tuple[ClipCamera, Decision]:
-        camera, evidence, _ = _found_in(open_file, request)
+        camera, sampled, _ = _found_in(open_file, request)
         options = replace(request.options, steadiness=steadiness)
-        return camera, decide(camera.complete(replace(request, options=options)), camera, evidence)
+        return camera, decide(camera.complete(replace(request, options=options)), camera, sampled)
 
     options = request.options
     undo = (options.undo.reference, options.undo.strength, options.undo.model)

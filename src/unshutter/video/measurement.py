@@ -135,11 +135,11 @@ def _measured(path: Path, options: MeasureClips) -> tuple[ClipMeasurement, list[
     clip = read_clip_facts(path, until_s=options.end, progressive=options.progressive)
     clip.check_whole()
     request = ClipRequest.of(clip, RectifyClip(start=options.start, end=options.end))
-    camera, evidence = find_camera(request)
-    runs = evidence.pair_runs
+    camera, sampled = find_camera(request)
+    runs = sampled.pair_runs
     direction = camera.scan_direction or request.scan_direction
     request = camera.complete(request)
-    px = evidence.px_of(request.frame_size[0])
+    px = sampled.px_of(request.frame_size[0])
     if px is None:
         raise UnshutterError("{clip} has too few frames to measure", clip=str(path))
     time = camera.readout_time

@@ -67,7 +67,7 @@ def test_the_usual_value_stands_in_only_where_a_clip_wobbles(monkeypatch, tmp_pa
     rows = Estimate(4 * error if wobbles else error, error)
     shown = None if wobbles is None else Regression(rows, Estimate(0.0, error), 1.0, 40, 0.5)
     if shown is not None:  # once, it is searched for
-        monkeypatch.setattr(camera, "time_in_survey", _too_even)
+        monkeypatch.setattr(camera, "readout_time_in_frames", _too_even)
     monkeypatch.setattr(SampledFrames, "regression", shown)
     path = clips.write(tmp_path / "in.mkv", clips.moving(24, slow(3.0))[1], "ffv1")
     found, _ = find_camera(ClipRequest.of(read_clip_facts(path), RectifyClip(Shutter(focal_px=clips.FOCAL))))
@@ -190,7 +190,7 @@ def test_people_who_walk_by_are_not_straightened_and_do_not_count(tmp_path, run)
 def test_a_mode_of_the_table_needs_no_search(tmp_path, run, monkeypatch):
     one = CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0)
     monkeypatch.setattr(cameras, "table", lambda: (one,))
-    monkeypatch.delattr(camera, "time_in_survey")
+    monkeypatch.delattr(camera, "readout_time_in_frames")
     clip = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1", tags={"make": "Nemo", "model": "One"})
     record, shown, _ = run(clip)
     assert record["readout_ms"] == pytest.approx(20) and "plausible_ms" not in record

@@ -11,7 +11,7 @@ from support.covering import thorough
 from unshutter.cli import main
 from unshutter.options.clip_options import RectifyClip, Shutter
 from unshutter.video.calibrate.camera import find_camera
-from unshutter.video.calibrate.repeated_frames import clock_in_survey
+from unshutter.video.calibrate.repeated_frames import clock_in_frames
 from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
 from unshutter.video.clip_functions import rectify_clip_frames
 from unshutter.video.file.array_clip import ArrayClip
@@ -79,7 +79,7 @@ def test_the_pattern_may_begin_anywhere_after_each_cut():
     for begin in range(3):
         changes = [0.01 if (k + begin) % 5 == 0 else 1.0 + 0.1 * k for k in range(40)]
         parts.append([TrackedFrame(0.0), *(TrackedFrame(k / 30, 1.0, changed_px=px) for k, px in enumerate(changes))])
-    clock = clock_in_survey(arrays(clips.standing(3)), SampledFrames(parts))
+    clock = clock_in_frames(arrays(clips.standing(3)), SampledFrames(parts))
     assert clock is not None and clock.share == Fraction(4, 5) and 0.02 < clock.same_px < 0.6
 
 

@@ -18,12 +18,12 @@ from unshutter.orientation import ScanDirection
 from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate import clip_gyro
-from unshutter.video.calibrate.clip_gyro import ClipGyro, gyro_in_survey
+from unshutter.video.calibrate.clip_gyro import ClipGyro, gyro_in_frames
 from unshutter.video.calibrate.lenses import lens_of_clip
 from unshutter.video.calibrate.questions import FIRST_LOOK, Log, ask, first_look, open_question
 from unshutter.video.calibrate.readout_regression import Regression
-from unshutter.video.calibrate.readout_time import listed_time, time_in_survey, usual_time
-from unshutter.video.calibrate.repeated_frames import clock_in_survey
+from unshutter.video.calibrate.readout_time import listed_time, readout_time_in_frames, usual_time
+from unshutter.video.calibrate.repeated_frames import clock_in_frames
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.clip import ClipRequest
@@ -66,7 +66,7 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
     sampled = ask(request, question, parts_s)
     is_enough = any(len(part) >= FIRST_LOOK - 2 for part in sampled.parts)
     seen = sampled if is_enough or sampled.is_whole else sample_frames(request, first_look(request), is_followed=False)
-    clock = clock_in_survey(request.clip, seen)
+    clock = clock_in_frames(request.clip, seen)
     if clock is not None:
         request = replace(request, clip=replace(request.clip, clock=clock))
         question, parts_s = open_question(request, log)
@@ -105,7 +105,7 @@ def _camera_from(request: ClipRequest, sampled: SampledFrames, log: Log) -> Clip
     request = replace(request, lens=lens)
     sampled = sampled.through(lens)
     tag = request.clip.camera.readout_time if stated is None else None
-    gyro = gyro_in_survey(request, sampled, log, stated or tag) if isinstance(log, GyroLog) else log
+    gyro = gyro_in_frames(request, sampled, log, stated or tag) if isinstance(log, GyroLog) else log
     time = stated or (gyro and gyro.readout_time)
     shown = None
     stabilised = None
@@ -149,7 +149,7 @@ def _time_of(
     if shown is not None and shown.is_likely and shown.rows.ratio < 0:  # the other way, but that is not certain
         return replace(usual, instead_of=Reason(Code.NO_WOBBLE))
     try:
-        time = time_in_survey(request, sampled)
+        time = readout_time_in_frames(request, sampled)
         _check_agreement(time.ratio(interval_s), shown)
         return time
     except UnknownRatioError as error:

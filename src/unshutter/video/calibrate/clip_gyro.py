@@ -88,8 +88,8 @@ def log_of_clip(request: ClipRequest) -> GyroLog | ClipGyro | None:
     return log
 
 
-def gyro_in_survey(
-    request: ClipRequest, evidence: SampledFrames, log: GyroLog, known: ReadoutTime | None = None
+def gyro_in_frames(
+    request: ClipRequest, sampled: SampledFrames, log: GyroLog, known: ReadoutTime | None = None
 ) -> ClipGyro:
     """Returns the gyro log of a clip, synchronised with its tracked frames.
 
@@ -104,7 +104,7 @@ def gyro_in_survey(
     stated = log.readout_time if known is None else None
     known = known or stated
     ratio = known and known.ratio(clip.camera_interval_s).value
-    pairs = list(_pairs(evidence))
+    pairs = list(_pairs(sampled))
     if len(pairs) < 15:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
     focal_px = request.focal and request.focal * ROWS
@@ -193,10 +193,10 @@ def _liveliness(log: GyroLog, begin_s: float, length_s: float) -> float:
     return float(np.diff(angles, axis=0).std(axis=0).sum() * PART / length_s)
 
 
-def _pairs(evidence: SampledFrames) -> Iterator[Pair]:
+def _pairs(sampled: SampledFrames) -> Iterator[Pair]:
     """Yields the tracks between consecutive frames, of so many at most."""
-    few = sum(map(len, evidence.parts)) <= MOST_PARTS * PART
-    for run in evidence.parts if few else evidence.runs(MOST_PARTS, PART):
+    few = sum(map(len, sampled.parts)) <= MOST_PARTS * PART
+    for run in sampled.parts if few else sampled.runs(MOST_PARTS, PART):
         for before, frame in pairwise(run):
             plane = frame.background
             if plane is not None and frame.since is not None and plane.joined and len(plane.tracks) >= 12:

@@ -185,15 +185,15 @@ def is_tested(options: RectifyClip) -> bool:
     return options.undo.model == "camera" and 0 < options.undo.strength <= 1
 
 
-def expected(request: ClipRequest, surveyed: int, all_frames: float) -> dict[Stage, int]:
+def expected(request: ClipRequest, sampled: int, all_frames: float) -> dict[Stage, int]:
     """Returns how many items of its stages it takes to judge a clip; none if that is not done.
 
     Args:
-        surveyed: number of frames that are judged first, unless they are more than enough.
+        sampled: number of frames that are judged first, unless they are more than enough.
         all_frames: number of frames of the clip, times how likely all of them are asked.
     """
     is_judged = is_tested(request.options) and not request.options.shutter.states_time
-    first = min(surveyed, ALL) if is_judged else 0
+    first = min(sampled, ALL) if is_judged else 0
     further = round(all_frames) if is_judged and request.frames > ALL else 0
     return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}
 

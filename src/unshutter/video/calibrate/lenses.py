@@ -37,14 +37,14 @@ from unshutter.video.calibrate.sampled_frames import SampledFrames, TrackedFrame
 from unshutter.video.file.clip import ClipRequest
 
 
-def lens_of_clip(request: ClipRequest, evidence: SampledFrames) -> Lens | None:
+def lens_of_clip(request: ClipRequest, sampled: SampledFrames) -> Lens | None:
     """Returns the lens of a clip's camera if it bends lines, or None if it does not or nothing tells."""
     shutter = request.options.shutter
     if shutter.lens is not None:
         return lens_of_file(Path(shutter.lens), request)
     if shutter.focal_px is not None:
         return None
-    return lens_in_survey(evidence) or _listed(request)
+    return lens_in_frames(sampled) or _listed(request)
 
 
 # ---- a lens file -----------------------------------------------------------------------------------------------
@@ -161,12 +161,12 @@ _FOCALS = tuple(USUAL_FOCAL * 2.0 ** (k / 2) for k in range(-5, 4))  # tried fir
 _FOCAL_ONLY = np.array([[0.0, 1.0]])  # a lens that keeps lines straight has no other unknown
 
 
-def lens_in_survey(evidence: SampledFrames) -> Lens | None:
+def lens_in_frames(sampled: SampledFrames) -> Lens | None:
     """Finds the lens in tracked frames of a clip; None if it keeps lines straight, or if the frames do not tell."""
-    if not evidence.parts:
+    if not sampled.parts:
         return None
-    first = _shown(evidence.parts[0][:FIRST])
-    further = evidence.runs(FURTHER, PART, skipped=FIRST)
+    first = _shown(sampled.parts[0][:FIRST])
+    further = sampled.runs(FURTHER, PART, skipped=FIRST)
     return _lens_in(first[:PART], first[PART:], (tracks for run in further for tracks in _shown(run)))
 
 
@@ -176,9 +176,9 @@ def _shown(frames: Sequence[TrackedFrame]) -> list[Tracks]:
     return [plane.tracks for plane in planes if plane is not None and plane.joined]
 
 
-def may_bend_lines(evidence: SampledFrames) -> bool:
+def may_bend_lines(sampled: SampledFrames) -> bool:
     """Whether the lens may bend lines, as far as the clip's first frames show."""
-    pairs = _moving(_shown(evidence.parts[0][: PART + 1])) if evidence.parts else []
+    pairs = _moving(_shown(sampled.parts[0][: PART + 1])) if sampled.parts else []
     return len(pairs) < _PARAMS.min_pairs or _may_bend(pairs)
 
 
@@ -208,7 +208,7 @@ def _moving(pairs: Iterable[Tracks]) -> list[Tracks]:
 def _roughly(pairs: Sequence[Tracks]) -> tuple[float, np.ndarray, np.ndarray]:
     """Fits both kinds of lens to a few of the tracks; returns their difference in log-likelihood, and either lens."""
     few = [fewer(pair, _PARAMS.rough_tracks) for pair in pairs]
-    turning = _Turning.of(few, _PARAMS.rough_weighings)
+    turning = _RotatingCamera.of(few, _PARAMS.rough_weighings)
     focals = turning.usual + np.log(_FOCALS) - np.log(USUAL_FOCAL)
     straight, _ = turning.highest([np.array([1.0, focal]) for focal in focals], _FOCAL_ONLY, *_PARAMS.rough)
     starts = [np.array([bend, focal]) for bend in _PARAMS.bends for focal in focals]
@@ -229,7 +229,7 @@ def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
     advantage, straight, bent = _roughly(pairs)
     if advantage < _PARAMS.hopeless * _PARAMS.sure:
         return None
-    turning = _Turning.of(pairs, _PARAMS.weighings)
+    turning = _RotatingCamera.of(pairs, _PARAMS.weighings)
     straight, _ = turning.highest([straight], _FOCAL_ONLY, *_PARAMS.exact)
     best, covariance = turning.highest([bent], np.eye(2), *_PARAMS.exact)
     if turning.height(best) - turning.height(straight) < _PARAMS.sure:
@@ -247,7 +247,7 @@ def lens_of_tracks(pairs: Sequence[Tracks]) -> Lens | None:
 
 
 @dataclass(eq=False)
-class _Turning:
+class _RotatingCamera:
     """Tracks between frames, explained by turns of the camera through any lens.
 
     A lens is given by its bend and the logarithm of its focal length [px of ROWS rows].
@@ -262,7 +262,7 @@ class _Turning:
     _heights: dict[tuple[float, ...], float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, pairs: Sequence[Tracks], weighings: int) -> _Turning:
+    def of(cls, pairs: Sequence[Tracks], weighings: int) -> _RotatingCamera:
         ends, used = padded_ends(pairs)
         ends = ends * ROWS / pairs[0].height
         width = pairs[0].width * ROWS / pairs[0].height

@@ -57,7 +57,7 @@ def time_without_search(request: ClipRequest) -> ReadoutTime:
 # ---- in tracked frames -----------------------------------------------------------------------------------------
 
 
-def wobble_in_survey(evidence: SampledFrames, rows: int) -> float | None:
+def wobble_in_frames(sampled: SampledFrames, rows: int) -> float | None:
     """Returns how far a clip wobbles from frame to frame because of its readout; None if its frames are too few.
 
     Args:
@@ -66,16 +66,16 @@ def wobble_in_survey(evidence: SampledFrames, rows: int) -> float | None:
     Returns:
         Root mean square at the first and last rows [px of the clip].
     """
-    shown = evidence.regression
-    px = evidence.px_of(rows)
+    shown = sampled.regression
+    px = sampled.px_of(rows)
     return None if shown is None or px is None else shown.wobble_px * px
 
 
-def time_in_survey(request: ClipRequest, evidence: SampledFrames) -> ReadoutTime:
+def readout_time_in_frames(request: ClipRequest, sampled: SampledFrames) -> ReadoutTime:
     """Finds the readout time of a clip's camera in tracked frames; raises UnknownRatioError if they do not tell."""
     ratios: list[ReadoutRatio] = []
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_MIN_PAIRS))
-    runs = [_longest_run(part) for part in _parts(evidence)]
+    runs = [_longest_run(part) for part in _parts(sampled)]
     count = request.work.counts(Stage.SEARCH)
     request.work.expect({Stage.SURVEY: 0, Stage.SEARCH: SOLVED * sum(len(run.pairs) for run in runs)})
     for run in runs:
@@ -110,11 +110,11 @@ def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
     return ReadoutRatio(value, error, ReadoutSource.FRAMES)
 
 
-def _parts(evidence: SampledFrames) -> list[Sequence[TrackedFrame]]:
-    """Returns consecutive frames: the surveyed parts, or parts of a clip that was surveyed from begin to end."""
-    if len(evidence.parts) != 1:
-        return [part[: PART + 1] for part in evidence.parts]
-    (part,) = evidence.parts
+def _parts(sampled: SampledFrames) -> list[Sequence[TrackedFrame]]:
+    """Returns consecutive frames: the sampled parts, or parts of a clip that was sampled from begin to end."""
+    if len(sampled.parts) != 1:
+        return [part[: PART + 1] for part in sampled.parts]
+    (part,) = sampled.parts
     many = max(len(part) // PART, 1)
     return [part[PART * k : PART * (k + 1) + 1] for k in range(many)]
 
@@ -154,7 +154,7 @@ def _longest_run(frames: Sequence[TrackedFrame]) -> _Run:
 # ---- bound on the visible motion -------------------------------------------------------------------------------
 
 
-def largest_displacement_px(request: ClipRequest, evidence: SampledFrames, longest_s: float, enough_px: float) -> float:
+def largest_displacement_px(request: ClipRequest, sampled: SampledFrames, longest_s: float, enough_px: float) -> float:
     """Returns a bound on the displacement within a frame that a clip can show [px]; infinite if there is none.
 
     Args:
@@ -166,7 +166,7 @@ def largest_displacement_px(request: ClipRequest, evidence: SampledFrames, longe
     largest = 0.0
     frames = 0
     lost = 0
-    for frame in evidence.frames:
+    for frame in sampled.frames:
         frames += 1
         tracks = frame.tracks
         plane = frame.background

@@ -42,7 +42,7 @@ class ConversionParams:
 _PARAMS = ConversionParams()
 
 
-def clock_in_survey(clip: Clip, sampled: SampledFrames) -> CameraClock | None:
+def clock_in_frames(clip: Clip, sampled: SampledFrames) -> CameraClock | None:
     """Returns the clock of the camera whose frames a converted clip shows; None if it was not converted."""
     if clip.clock.share != 1 or not sampled.parts:
         return None
