@@ -211,7 +211,7 @@ def test_what_describes_the_old_coding_is_named(films, extra, words):
 
 
 def with_edits(data, edits):
-    """The file whose film shows only some parts of itself: (length [ms], first time in the film [ticks] or -1)."""
+    """The file whose film shows only some parts of itself: (length [file ticks], first time in the film or -1)."""
     content = struct.pack(">II", 0, len(edits)) + b"".join(struct.pack(">iii", *edit, 1 << 16) for edit in edits)
     listed = box(b"edts", box(b"elst", content))
 
@@ -236,8 +236,10 @@ def test_random_edit_lists_leave_frames_at_their_times(tmp_path, capsys, seed):
     whole = clips.write(tmp_path / "whole.mp4", clips.moving(30)[1], options=options, sound=True)
     ticks = 15_360 // 30  # of a frame
     first = draw.randrange(0, 6)
-    edits = [(draw.randrange(1, 900), -1)] * draw.randrange(2)
-    edits.append(((30 - first) * 1000 // 30, first * ticks + 1024 * (seed % 3 > 0)))
+    with whole.open("rb") as stream:
+        second = Movie.read(stream).timescale  # which is FFmpeg's choice
+    edits = [(draw.randrange(1, 900) * second // 1000, -1)] * draw.randrange(2)
+    edits.append(((30 - first) * second // 30, first * ticks + 1024 * (seed % 3 > 0)))
     source = tmp_path / "in.mp4"
     source.write_bytes(with_edits(whole.read_bytes(), edits))
     assert main(["video", str(source), "-o", str(tmp_path / "out.mp4"), *clips.KNOWN]) == 0
