@@ -201,9 +201,7 @@ class _Written:
 
     tally: Tally
     is_written: bool = True  # whether there is a new video
-    parts: list[Part] = field(
-        default_factory=list
-    )  # what became of the parts of the clip's file; none if it was copied
+    parts: list[Part] = field(default_factory=list)  # what became of those of the clip's file; none if it was copied
     damaged: int = 0  # number of frames that cannot be decoded, and are missing
 
 
