@@ -91,6 +91,8 @@ def test_dropped_looked_at_and_saved(page: Page, tmp_path: Path, photo: Path) ->
     assert download.value.suggested_filename == "walk.rectified.mp4"
     assert len(clips.luma(download.value.path())) == 24
     expect(page.locator("#notice")).to_contain_text("24 of 24 frames straightened")
+    listed = page.locator("#notice").get_attribute("title") or ""
+    assert {"replaced: track 1 ('vide', 'avc1')", "carried: track 2 ('soun', 'mp4a')"} <= {*listed.splitlines()}
     page.get_by_title("street.jpg").click()
     expect(page.locator("#clip-panel")).to_be_hidden()
     expect(page.locator("#moments")).to_be_hidden()

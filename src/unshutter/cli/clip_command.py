@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.cli.arguments import Command
 from unshutter.cli.pipes import Pipes
-from unshutter.errors import UsageError
-from unshutter.inventory import describe
+from unshutter.errors import UsageError, visible
+from unshutter.inventory import Fate, describe
 from unshutter.options import option
 from unshutter.options.clip_options import JOIN, Encode, MeasureClips, RectifyClip
 from unshutter.options.fields import positional
@@ -45,6 +45,9 @@ class Video:
         pipe=True,
     )
     options: RectifyClip = field(default_factory=RectifyClip)
+    dry_run: bool = option(
+        False, "List what would be done, and what would become of each part of the clip's file, without writing it."
+    )
 
 
 def _video(arguments: Video) -> int:
@@ -54,6 +57,11 @@ def _video(arguments: Video) -> int:
     with Pipes(arguments.clip, arguments.output, "a clip") as pipes:
         if pipes.is_read:
             arguments = replace(arguments, clip=str(pipes.keep_clip(arguments.output)))
+        if arguments.dry_run:
+            if pipes.is_written:
+                raise UsageError("{--dry-run} lists what would be written: leave out - or {--dry-run}")
+            _list(*_settled(arguments))
+            return 0
         if not pipes.is_written:
             _report(_rectify(arguments), arguments.options.preview)
             return 0
@@ -71,19 +79,39 @@ def _video(arguments: Video) -> int:
     return 0
 
 
+def _settled(arguments: Video) -> tuple[str, str, RectifyClip]:
+    """Returns the clip, the file to write, and the options."""
+    options = arguments.options
+    if arguments.output is None and options.may_be_copy:  # next to the clip, nothing is written for one that stays
+        options = replace(options, only_changed=True)
+    clip = Path(arguments.clip)
+    output = arguments.output
+    if output is None or Path(output).is_dir():
+        output = str(Path(output or clip.parent) / video_name(clip))
+    return arguments.clip, output, options
+
+
 def _rectify(arguments: Video) -> ClipOutcome:
     """Rectifies the clip."""
     from unshutter.video.clip_rectification import rectify_clip_file
 
-    options = arguments.options
-    if arguments.output is None and options.may_be_copy:  # next to the clip, nothing is written for one that stays
-        options = replace(options, only_changed=True)
+    settled = _settled(arguments)
+    with _Terminal(arguments.options.encode) as terminal:
+        return rectify_clip_file(*settled, observer=terminal)
+
+
+def _list(clip: str, output: str, options: RectifyClip) -> None:
+    """Lists what would be done with the clip, and with each part of its file."""
+    from unshutter.video.clip_rectification import plan_clip_file
+
     with _Terminal(options.encode) as terminal:
-        clip = Path(arguments.clip)
-        output = arguments.output
-        if output is None or Path(output).is_dir():
-            output = str(Path(output or clip.parent) / video_name(clip))
-        return rectify_clip_file(arguments.clip, output, options, observer=terminal)
+        plan = plan_clip_file(clip, output, options, observer=terminal)
+    ways = {Fate.CARRIED: "copied", Fate.LEFT_OUT: "nothing to write", Fate.TRANSFORMED: "no frame straightened"}
+    target = "" if plan.fate is Fate.LEFT_OUT else f" -> {output}"
+    print(visible(f"{clip}{target}{'' if plan.reason is None else f' ({ways[plan.fate]}: {plan.reason})'}"))
+    for line in dict.fromkeys(f"  {part.fate}: {part}" for part in plan.parts):
+        print(visible(line))
+    tell("unshutter: nothing was written")
 
 
 def _report(outcome: ClipOutcome, preview: Path | None) -> None:

@@ -145,7 +145,7 @@ def excerpt(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
         return file
 
 
-_SHOWN = ("frames", "rectified", "left_out", "as_they_were")  # of a run's record
+_SHOWN = ("frames", "rectified", "left_out", "as_they_were", "parts")  # of a run's record
 
 
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> JsonObject:

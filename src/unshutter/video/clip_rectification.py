@@ -12,11 +12,13 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
+from typing import Any, BinaryIO
 
 from unshutter.errors import UnshutterError
 from unshutter.export import check_plot
-from unshutter.inventory import Part
+from unshutter.inventory import Fate, Part
 from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.options.clip_options import RectifyClip
@@ -30,12 +32,14 @@ from unshutter.video.decision import NO_FRAMES, Decision, Leave, RectifyFrames, 
 from unshutter.video.file import clip_inventory, mp4_inventory, mp4_writer, previews
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
+from unshutter.video.file.containers import VideoFile
 from unshutter.video.file.encoders import Encoder
 from unshutter.video.file.motion_file import MotionWriter
+from unshutter.video.file.mp4 import Movie
 from unshutter.video.file.pixels import of_file
 from unshutter.video.file.stages import Stage
 from unshutter.video.file.video_writer import VideoWriter, check_endings, fitted, holds_covers, start_of, writing
-from unshutter.video.outcome import ClipOutcome, Tally
+from unshutter.video.outcome import ClipOutcome, ClipPlan, Tally
 from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.render.rendering import (
     Rendering,
@@ -46,6 +50,7 @@ from unshutter.video.render.rendering import (
     with_views,
 )
 
+_TRIED_S = 1.0  # s of a clip by which it is foreseen what becomes of its parts
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
 
@@ -63,13 +68,12 @@ def rectify_clip_file(
         observer: receives the progress of the work.
         decided: makes the decision, or knows the one that was made before.
     """
-    path, target, log, after_killed_run = _checked_files(source, output, options)
-    clip = read_clip_facts(path, options.max_pixels, options.end, options.progressive)
-    _check_clip(clip, options)
-    video = _Output.of(clip, options, target)
-    request = ClipRequest.of(clip, options, observer)
-    request.work.expect(expected(request, RectifyFrames()))
+    path, target, outputs = _checked_files(source, output, options)
+    cleaned = [each for each in outputs if remove_leftovers(each.parent)]
+    log = JsonLog(options.json_log) if options.json_log is not None else None
+    request, video = _request(path, target, options, observer)
     request, camera, decision = decided(request)
+    clip = video.clip
     request.work.expect(dict.fromkeys(Stage, 0) | expected(request, decision))
     straight = straight_view(request) if options.straight_lines else None
     rendering = with_views(Rendering(request, camera, decision, straight=straight))
@@ -91,7 +95,7 @@ def rectify_clip_file(
         picture=None if clip.picture is None else clip.picture_size,
         model=options.undo.model,
         written=written.is_written,
-        after_killed_run=after_killed_run,
+        after_killed_run=target in cleaned,
         frames=tally.frames,
         rectified=tally.rectified,
         dense=tally.dense,
@@ -121,15 +125,32 @@ def rectify_clip_file(
     return outcome
 
 
+@no_opencv_threads()
+def plan_clip_file(source: str, output: str, options: RectifyClip, observer: ClipObserver = SILENT) -> ClipPlan:
+    """Returns what ``rectify_clip_file`` would do. Writes nothing but temporary files: the clip's first second."""
+    path, target, _ = _checked_files(source, output, options)
+    request, video = _request(path, target, options, observer)
+    request, _, decision = calibrate_and_decide(request)
+    if options.straight_lines:
+        straight_view(request)  # it refuses a clip whose lens is unknown
+    reason = decision.reason if isinstance(decision, Leave) else None
+    is_left = reason is not None and options.steadiness.stabilize is None and not options.straight_lines
+    if is_left and (video.may_be_copy or options.only_changed):
+        plan = ClipPlan(source, output, reason, Fate.LEFT_OUT if options.only_changed else Fate.CARRIED)
+    else:
+        plan = ClipPlan(source, output, reason, Fate.TRANSFORMED, _tried(request, video))
+    request.work.finish()
+    return plan
+
+
 # ---- checks before any work -------------------------------------------------------------------------------
 
 
-def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str, Path, JsonLog | None, bool]:
+def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str, Path, list[Path]]:
     """Checks that each output may be written, and that none of them is a file that the run reads.
 
     Returns:
-        The clip's path and the result's; the log, if requested; and whether leftovers of an earlier, killed run were
-        removed there.
+        The clip's path, the result's, and those of all outputs.
     """
     path = _on_this_machine(source)
     target = Path(_on_this_machine(output))
@@ -141,11 +162,20 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
         check_plot(options.plot)
     if options.save_motion is not None:
         check_motion_name(options.save_motion.name)
-    leftovers = False
-    for each in filter(None, (target, options.save_motion, options.preview, options.plot)):
+    outputs = list(filter(None, (target, options.save_motion, options.preview, options.plot)))
+    for each in outputs:
         check_target(each, options.overwrite)
-        leftovers |= bool(remove_leftovers(each.parent)) and each is target
-    return path, target, JsonLog(options.json_log) if options.json_log is not None else None, leftovers
+    return path, target, outputs
+
+
+def _request(path: str, target: Path, options: RectifyClip, observer: ClipObserver) -> tuple[ClipRequest, _Output]:
+    """Reads a clip's facts and checks them; returns the request and the video to be written."""
+    clip = read_clip_facts(path, options.max_pixels, options.end, options.progressive)
+    _check_clip(clip, options)
+    request = ClipRequest.of(clip, options, observer)
+    video = _Output.of(clip, options, target)
+    request.work.expect(expected(request, RectifyFrames()))
+    return request, video
 
 
 def _check_clip(clip: ClipFacts, options: RectifyClip) -> None:
@@ -193,6 +223,22 @@ class _Output:
             with suppress(UnshutterError):  # MP4 takes most codecs; H.263 needs a file of the clip's own kind
                 return cls(clip, target, fitted(encoder, clip, ".mp4"), into_copy, ".mp4", simple)
         return cls(clip, target, fitted(encoder, clip, kind), into_copy, kind, simple)
+
+    def writer(self, container: Any, source: VideoFile, request: ClipRequest, size: tuple[int, int]) -> VideoWriter:
+        """Returns the writer of frames of a size into an open container, and of the clip's other streams."""
+        part_s = request.options.start, request.options.end
+        ending, start_s = (None, 0.0) if self.into_copy else (self.kind, start_of(self.clip, self.kind))
+        start_s = start_s if part_s[0] is None else max(start_s, part_s[0])
+        return VideoWriter(container, source, self.clip, self.encoder, ending, size, start_s, part_s, request.work)
+
+    def completed_by_ffmpeg(
+        self, source: VideoFile, writer: VideoWriter, frames_file: BinaryIO | None, part: Path
+    ) -> Iterator[Part]:
+        """Completes a video that FFmpeg wrote; yields what became of the clip's tags, and what else it lacks."""
+        if frames_file is not None:
+            with part.open("r+b") as out:
+                mp4_writer.write_with_covers(frames_file, writer.covers, out)
+        yield from clip_inventory.parts(source, str(part), writer.carried, writer.is_part)
 
 
 @dataclass(frozen=True)
@@ -258,10 +304,7 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
         if output.into_copy or holds_covers(output.kind, clip):
             frames_file = stack.enter_context(tempfile.TemporaryFile(dir=output.target.parent))
         container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
-        ending, start_s = (None, 0.0) if output.into_copy else (output.kind, start_of(clip, output.kind))
-        start_s = start_s if options.start is None else max(start_s, options.start)
-        part_s, work = (options.start, options.end), request.work
-        writer = VideoWriter(container, source, clip, output.encoder, ending, warper.size, start_s, part_s, work)
+        writer = output.writer(container, source, request, warper.size)
         decoded = clip.decode(source, options.start, options.end, None if output.into_copy else writer.waiting)
         frames = stack.enter_context(closing(rendering.rectified(warper, decoded)))
         _write_frames(request, frames, tally, motions, writer)
@@ -277,13 +320,37 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
                 others = [each.id for each in source.other_films]
                 parts = mp4_inventory.audited(source.stream, out, source.video.id, others)
         else:
-            if frames_file is not None:
-                with part.open("r+b") as out:
-                    mp4_writer.write_with_covers(frames_file, writer.covers, out)
-            is_part = options.start is not None or options.end is not None
-            parts = list(clip_inventory.lost(source, str(part), writer.carried, is_part))
+            parts = list(output.completed_by_ffmpeg(source, writer, frames_file, part))
         parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)
     return _Written(tally, parts=[*writer.parts, *parts], damaged=len(source.damaged_s))
+
+
+def _tried(request: ClipRequest, output: _Output) -> list[Part]:
+    """Returns what would become of the parts of a clip's file, by a video of its first second, whose frames stay."""
+    clip, options = output.clip, request.options
+    end_s = _TRIED_S + (clip.begin_s if options.start is None else options.start)
+    with ExitStack() as stack:
+        part = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"tried{output.kind}"
+        source = stack.enter_context(clip.opened())
+        with_covers = holds_covers(output.kind, clip) and not output.into_copy
+        frames_file = stack.enter_context(tempfile.TemporaryFile()) if with_covers else None
+        if with_covers:
+            part.touch()
+        container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
+        writer = output.writer(container, source, request, (clip.height, clip.width))
+        decoded = clip.decode(source, options.start, options.end, None if output.into_copy else writer.waiting)
+        with closing(decoded):
+            for frame in takewhile(lambda each: (each.time or 0.0) < end_s, decoded):
+                writer.add_frame(frame)
+        writer.end()
+        if output.into_copy:
+            movie = Movie.read(source.stream)
+            others = [each.id for each in source.other_films]
+            parts = list(mp4_inventory.parts(movie, movie.track(source.video.id), others))
+        else:
+            parts = list(output.completed_by_ffmpeg(source, writer, frames_file, part))
+        parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)
+    return [*writer.parts, *parts]
 
 
 @contextmanager

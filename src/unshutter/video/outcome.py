@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.export import plot_rotation_rates
-from unshutter.inventory import Part, as_they_were, left_out
+from unshutter.inventory import Fate, Part, as_they_were, left_out
 from unshutter.motion import RotationMotion
 from unshutter.motion.lens import Lens
 from unshutter.orientation import ScanDirection
@@ -56,6 +56,17 @@ class Tally:
         self.rotations.append(
             (time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3)
         )
+
+
+@dataclass(frozen=True)
+class ClipPlan:
+    """What would be done with a clip."""
+
+    source: str
+    output: str
+    reason: Reason | None  # why no frame would be straightened; None if frames would
+    fate: Fate  # of the clip: carried if it would be copied, left out if nothing would be written
+    parts: list[Part] = field(default_factory=list)  # what would become of those of its file, if it is transformed
 
 
 @dataclass(frozen=True)

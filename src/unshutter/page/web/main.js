@@ -173,9 +173,10 @@ async function sample() {
 
 let lasting = 0;
 
-/** @param {string} line */
-function notice(line) {
+/** @param {string} line @param {string} details */
+function notice(line, details = "") {
   element("notice").textContent = line;
+  element("notice").title = details;
   element("notice").hidden = !line;
   clearTimeout(lasting);
   if (line) lasting = setTimeout(() => notice(""), NOTICE_MS);

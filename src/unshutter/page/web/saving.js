@@ -133,5 +133,6 @@ async function ended({ id, to, state, error = "", total, done }, notice) {
   const why = failed.map((each) => `${each.name} (${lineOf(each)})`).join(", ");
   const isClip = total === 1 && count === 1 && frames !== undefined;
   const lost = [...new Set(done.flatMap((each) => each.left_out ?? []))]; // of photos
-  notice(isClip ? words.clipSaved(done[0]) : words.savedMany(count, why, lost));
+  if (isClip) notice(words.clipSaved(done[0]), (done[0].parts ?? []).map(words.part).join("\n"));
+  else notice(words.savedMany(count, why, lost));
 }

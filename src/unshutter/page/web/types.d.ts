@@ -145,6 +145,13 @@ export interface Saving {
   error?: string;
 }
 
+/** What became of a part of a clip's file. */
+export interface FilePart {
+  name: string;
+  fate: string;
+  reason?: string;
+}
+
 export interface Saved extends Partial<Refusal> {
   name: string;
   result?: string;
@@ -152,6 +159,7 @@ export interface Saved extends Partial<Refusal> {
   rectified?: number;
   left_out?: string[];
   as_they_were?: string[];
+  parts?: FilePart[];
   declined?: string[];
 }
 
@@ -182,7 +190,7 @@ export type Line = { kind: LineKind; points: Point[] };
 export type Pull = "lean" | "bend" | "turn";
 export type Tool = Pull | LineKind;
 export type Doing = { share: number; left: string };
-export type Notice = (line: string) => void;
+export type Notice = (line: string, details?: string) => void; // which a pointer over it shows
 
 /** A control: what goes on the page, what has the value, and what brings it up to date. */
 export interface Control {

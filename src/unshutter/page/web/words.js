@@ -419,6 +419,7 @@ export const words = {
     const share = `${rectified} of ${count(frames, "frame")} straightened`;
     return `${name}: saved to ${downloads}, ${share}${others}.${notKept(lost)}${asTheyWere}`;
   },
+  part: ({ name, fate, reason }) => `${fate}: ${name}${reason ? ` (${reason})` : ""}`,
   clipUnchanged: (name, reason) => `${name}: nothing was saved, since no frame was straightened: ${reason}.`,
   clipKeyList: [
     ["← ↑ → ↓", "the divider, if it is selected; a frame that is zoomed in"],

@@ -52,8 +52,8 @@ _MOST_CHUNKS = 10_000
 _LONGEST = 1 << 20  # bytes read of a part
 
 
-def lost(source: containers.VideoFile, target: str, carried: Iterable[Any], is_part: bool) -> Iterator[Part]:
-    """Yields what a clip's file holds and a video that FFmpeg wrote lacks.
+def parts(source: containers.VideoFile, target: str, carried: Iterable[Any], is_part: bool) -> Iterator[Part]:
+    """Yields what became of a clip's tags and chapters in a video that FFmpeg wrote, and what else that lacks.
 
     Args:
         source: the clip's file, open, and read.
@@ -65,11 +65,15 @@ def lost(source: containers.VideoFile, target: str, carried: Iterable[Any], is_p
         values = set(_tags([new.container, *new.container.streams]).values())
         old = _tags([source.container, source.video, *carried])
         chapters = len(source.container.chapters()), len(new.container.chapters())
-    names = [name for name, value in old.items() if value not in values and not _is_of_files(name, value)]
+    old = {name: value for name, value in old.items() if not _is_of_files(name, value)}
+    names = [name for name, value in old.items() if value not in values]
+    if len(names) < len(old):
+        yield Part("tags", Fate.CARRIED)
     if names:
         yield Part(f"tags ({', '.join(names)})", Fate.LEFT_OUT)
-    if chapters[1] < chapters[0] and not is_part:
-        yield Part("chapters", Fate.LEFT_OUT)
+    if chapters[0]:
+        kept = Fate.TRANSFORMED if is_part else Fate.CARRIED
+        yield Part("chapters", kept if is_part or chapters[1] >= chapters[0] else Fate.LEFT_OUT)
     known = {value for each in (source.container, *source.container.streams) for value in pyav.tags(each).values()}
     known = {value.encode() for value in known if len(value) > 1}
     with suppress(*DAMAGE):

@@ -47,6 +47,7 @@ class VideoWriter:
         waiting: packets, in order, that are written before the next later frame. They may be added by another thread.
         parts: what becomes of the clip's streams, and of what else the video cannot hold.
         carried: streams of the clip that the video has.
+        is_part: whether the video is only a part of the clip.
         covers: cover pictures that are not written with the video.
 
     Args:
@@ -83,6 +84,7 @@ class VideoWriter:
         self.covers: list[bytes] = []
         self._clip = clip
         self._part = part
+        self.is_part = part != (None, None)
         with suppress(ValueError, AttributeError):
             self._stream.disposition = like.disposition
         if ending is not None:  # otherwise a timecode would become a track of its own
@@ -115,7 +117,8 @@ class VideoWriter:
         """Adds the clip's other streams, as far as the new video can hold them."""
         films = source.other_films
         for stream in source.container.streams:
-            fate = None if stream.index == source.video.index else self._add_stream(source, stream, encoder, ending)
+            is_film = stream.index == source.video.index
+            fate = Fate.REPLACED if is_film else self._add_stream(source, stream, encoder, ending)
             if fate is None:
                 continue
             if fate is Fate.CARRIED:
@@ -163,7 +166,7 @@ class VideoWriter:
     def _chapters(self, source: VideoFile) -> list[dict[str, Any]]:
         chapters = source.container.chapters()
         start_s, end_s = self._part
-        if start_s is None and end_s is None:
+        if not self.is_part:
             return chapters
         return chapters_of_part(chapters, start_s or 0.0, math.inf if end_s is None else end_s)
 
