@@ -14,6 +14,7 @@ import pytest
 
 from support import clips
 from support.sure_estimator import Sure
+from support.tagged_files import png_with_chunks
 from unshutter.cli import main
 from unshutter.motion import RowMotion
 from unshutter.photo import Photo
@@ -32,6 +33,7 @@ HINTS = [
     (f"{DRY} --edges krop", "did you mean crop?", f"{DRY} --edges crop"),
     (f"{DRY} --preview -", "leave it out", DRY),
     (f"{DRY} -o -", "leave out -", DRY),
+    ("rectify hdr.png --motion m.json -o x.jpg", "save it as AVIF or PNG", "rectify hdr.png --motion m.json -o x.avif"),
     ("rectify a.png b.png -o -", "need --output FOLDER", f"{DRY} b.png -o folder"),
     (f"{DRY} --estimator manhatan", "did you mean manhattan?", f"{DRY} --estimator manhattan"),
     (
@@ -222,6 +224,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("a.png", "b.png", "there.png", "there.mkv"):
         Photo.from_array(pixels).save(folder / f"{name}.png")
         (folder / f"{name}.png").rename(folder / name)
+    hdr = png_with_chunks((folder / "a.png").read_bytes(), (b"cICP", bytes([9, 16, 0, 1])))
+    (folder / "hdr.png").write_bytes(hdr)
     RowMotion.zero(90, 120).save(folder / "m.json")
     (folder / "folder").mkdir()
     frames = clips.moving(16)[1]

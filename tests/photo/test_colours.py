@@ -24,7 +24,7 @@ def test_colours_told_by_numbers_become_a_profile_or_are_refused(format: str) ->
         profile = ImageCms.ImageCmsProfile(io.BytesIO(second.info["icc_profile"]))
         red = profile.profile.red_primary[1]
         assert red[:2] == pytest.approx((0.680, 0.320), abs=0.01)  # that of Display P3
-    for primaries, transfer in ((9, 16), (9, 18), (12, 16), (9, 13)):
-        with pytest.raises(UnshutterError, match="HDR") as error:
+    for primaries, transfer in ((9, 8), (1, 8), (11, 16)):  # linear light, primaries of cinemas
+        with pytest.raises(UnshutterError, match=rf"unusual colours \(code points {primaries}/{transfer}\)") as error:
             Photo.from_bytes(with_code_points(data, primaries, transfer))
         one_line(error)

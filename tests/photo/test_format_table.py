@@ -14,6 +14,15 @@ def test_the_page_says_what_is_measured(column: str) -> None:
     assert format_table.measured(column) == format_table.written()[column]
 
 
+@pytest.mark.parametrize("output", format_table.OUTPUTS)
+def test_the_page_says_what_becomes_of_hdr(output: str) -> None:
+    for package in NEEDED["HEIC"]:
+        pytest.importorskip(package, reason=f"HEIC is measured with {package}")
+    told = format_table.written(format_table.HDR_BEGIN)
+    assert format_table.measured(output, format_table.HDR_ROWS) == told[output]
+    assert list(told) == list(format_table.OUTPUTS)
+
+
 def test_the_page_has_every_format_and_nothing_else() -> None:
     written = format_table.written()
     assert list(written) == list(format_table.COLUMNS)

@@ -1,7 +1,7 @@
-"""What is kept of each format, measured on files written on the fly: the table in docs/reference/formats.md.
+"""What is kept of each format, measured on files written on the fly: the tables in docs/reference/formats.md.
 
-``PYTHONPATH=tests python -m support.format_table`` measures and writes it;
-test_format_table.py measures it again and compares. Other programs than unshutter write the files and look at the
+``PYTHONPATH=tests python -m support.format_table`` measures and writes them;
+test_format_table.py measures them again and compares. Other programs than unshutter write the files and look at the
 results (Pillow, OpenCV, libheif, tifffile).
 """
 
@@ -17,6 +17,7 @@ from PIL import Image, ImageCms, IptcImagePlugin
 from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
+from support.camera_files import heic
 from support.drawn_photos import drawn, encoded, textured
 from support.motion_photos import VIDEO, motion_photo
 from support.rich_files import (
@@ -34,13 +35,15 @@ from support.rich_files import (
     file_of,
     rich_file,
 )
-from support.tagged_files import TITLE, jpeg_thumbnail, small_jpeg
+from support.tagged_files import TITLE, jpeg_thumbnail, png_with_chunks, small_jpeg, with_code_points
 from unshutter import RowMotion, UnshutterError
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "formats.md"
 BEGIN, END = "<!-- measured: PYTHONPATH=tests python -m support.format_table -->\n", "<!-- end -->"
 MOTION = RowMotion.from_polynomials([0, 12], [0, 0.03], HEIGHT, WIDTH)
 RESULTS = COLUMNS | {"HEIC": ".avif", RAW: ".tif"}
+HDR_BEGIN = "<!-- measured: of HDR -->\n"
+OUTPUTS = ("JPEG", "PNG", "WebP", "TIFF", "AVIF")  # columns of the second table
 NONE = "–"
 
 
@@ -308,27 +311,66 @@ ROWS: dict[str, Callable[[str], str]] = {
 }
 
 
+# ---- kinds of HDR, by the format of the photo and that of the result -------------------------------------------
+
+
+def coded_hdr(column: str, transfer: int) -> bytes:
+    """A photo in PQ (16) or HLG (18), and BT.2020's primaries."""
+    pixels = drawn(HEIGHT, WIDTH, dtype=np.uint16)
+    if column == "PNG":
+        return png_with_chunks(file_of("PNG", pixels), (b"cICP", bytes([9, transfer, 0, 1])))
+    if column == "AVIF":
+        return with_code_points(encoded(drawn(HEIGHT, WIDTH), "AVIF"), 9, transfer)
+    return with_code_points(heic(pixels), 9, transfer)
+
+
+def transfers(column: str, output: str) -> str:
+    kept = []
+    for transfer in (16, 18):
+        with tempfile.TemporaryDirectory() as folder:
+            path, result = Path(folder, f"photo{COLUMNS[column]}"), Path(folder, f"out{COLUMNS[output]}")
+            path.write_bytes(coded_hdr(column, transfer))
+            try:
+                unshutter.rectify(path, motion=MOTION, edges="crop").save(result)
+            except UnshutterError as error:
+                assert "cannot hold HDR colours" in str(error)
+                continue
+            data, told = result.read_bytes(), bytes([9, transfer, 0, 1])
+            in_box = b"colrnclx" + bytes([0, 9, 0, transfer])
+            kept.append(b"cICP" + told in data if output == "PNG" else in_box in data)
+    return "refused" if not kept else "kept" if kept == [True, True] else "lost"
+
+
+HDR_ROWS: dict[str, Callable[[str], str]] = {
+    "PQ, HLG in PNG": lambda output: transfers("PNG", output),
+    "PQ, HLG in AVIF": lambda output: transfers("AVIF", output),
+    "PQ, HLG in HEIC": lambda output: transfers("HEIC", output),
+}
+
+
 # ---- the page --------------------------------------------------------------------------------------------------
 
 
-def measured(column: str) -> dict[str, str]:
-    """The cells of a format, by row."""
-    return {row: measure(column) for row, measure in ROWS.items()}
+def measured(column: str, rows: dict[str, Callable[[str], str]] = ROWS) -> dict[str, str]:
+    """The cells of a column, by row."""
+    return {row: measure(column) for row, measure in rows.items()}
 
 
-def written() -> dict[str, dict[str, str]]:
-    """The cells that the page has, by format and row."""
-    lines = PAGE.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0].strip().splitlines()
+def written(begin: str = BEGIN) -> dict[str, dict[str, str]]:
+    """The cells that the page has, by column and row."""
+    lines = PAGE.read_text(encoding="utf-8").split(begin)[1].split(END)[0].strip().splitlines()
     head, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     return {name: {row[0]: row[1 + at] for row in rows} for at, name in enumerate(head[1:])}
 
 
 def main() -> None:
-    cells = {column: measured(column) for column in COLUMNS}
-    lines = ["| | " + " | ".join(COLUMNS) + " |", "|---" * (1 + len(COLUMNS)) + "|"]
-    lines += [f"| {row} | " + " | ".join(cells[column][row] for column in COLUMNS) + " |" for row in ROWS]
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n\n" + END + rest.split(END)[1], encoding="utf-8")
+    for begin, columns, rows in ((BEGIN, COLUMNS, ROWS), (HDR_BEGIN, OUTPUTS, HDR_ROWS)):
+        cells = {column: measured(column, rows) for column in columns}
+        lines = ["| | " + " | ".join(columns) + " |", "|---" * (1 + len(columns)) + "|"]
+        lines += [f"| {row} | " + " | ".join(cells[column][row] for column in columns) + " |" for row in rows]
+        before, rest = PAGE.read_text(encoding="utf-8").split(begin)
+        _, after = rest.split(END, 1)
+        PAGE.write_text(before + begin + "\n" + "\n".join(lines) + "\n\n" + END + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

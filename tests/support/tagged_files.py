@@ -9,6 +9,7 @@ from PIL import Image, ImageCms
 from PIL.TiffImagePlugin import IFDRational
 
 from support.drawn_photos import encoded
+from unshutter.photo.chunks import encoded_chunk
 
 EXIF, GPS = 0x8769, 0x8825
 
@@ -164,6 +165,12 @@ RATED_XMP = (
     b'<rdf:Description xmp:Rating="4"/></rdf:RDF></x:xmpmeta>'
 )
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def png_with_chunks(data: bytes, *chunks: tuple[bytes, bytes]) -> bytes:
+    """The PNG with chunks right behind its header."""
+    added = b"".join(encoded_chunk(*pair) for pair in chunks)
+    return data[:33] + added + data[33:]
 
 
 def with_code_points(data: bytes, primaries: int, transfer: int) -> bytes:

@@ -19,6 +19,7 @@ from typing import BinaryIO, NamedTuple
 from unshutter.errors import UnshutterError
 from unshutter.inventory import Fate
 from unshutter.orientation import Orientation
+from unshutter.photo.code_points import light_in_boxes
 from unshutter.photo.libvips import Source
 from unshutter.photo.parts import OTHER, PICTURES, Found, of_coding, purpose
 
@@ -106,6 +107,7 @@ class BoxCoding(NamedTuple):
     subsampled: bool = True  # whether chroma has half the resolution in both directions (4:2:0)
     # primaries and transfer function of the colours; (2, 2) if the file does not specify them
     code_points: tuple[int, int] = (2, 2)
+    light: tuple[tuple[bytes, bytes], ...] = ()  # boxes with light levels
 
 
 _MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the value in imir
@@ -131,6 +133,7 @@ def read_coding(file: BinaryIO) -> BoxCoding:
         grey=bool(coding & 0x10),
         subsampled=coding & 0x0C == 0x0C,
         code_points=colours[0] if colours else (2, 2),
+        light=light_in_boxes(listed),
     )
 
 

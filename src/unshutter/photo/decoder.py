@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.options.picture_formats import SEVERAL_PICTURES, in_words
+from unshutter.photo import code_points
+from unshutter.photo.code_points import CodePoints
 from unshutter.photo.formats import FORMATS
-from unshutter.photo.formats.picture_format import Format, Header
+from unshutter.photo.formats.picture_format import Format, Header, Metadata
 from unshutter.photo.libvips import Source, as_image, in_srgb, libvips, refusing, standard, to_8_bits
 from unshutter.storage.files import check_plain
 
@@ -131,7 +133,8 @@ class Decoder:
                 return self._grey_of_smaller(short_side, shrink)
         # otherwise libvips would treat the last channel of a masked picture as transparency
         pixels = self.pixels[..., :-1] if self._header.coding.masked else self.pixels
-        return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
+        size = grey_size(self._height, self._width, short_side)
+        return grey_copy(as_image(pixels), *size, stated=self._header.metadata.code_points)
 
     def reduced(self, longest: int) -> np.ndarray:
         """Returns the pixels [h, w, bands], decoded at a reduced size whose longer side is at least this long [px]."""
@@ -170,22 +173,24 @@ _BEHIND = 128  # grey level under transparent areas of small copies
 
 
 def screen_pixels(
-    image: pyvips.Image, height: int, width: int, profile: bytes | None, behind: int = _BEHIND
+    image: pyvips.Image, height: int, width: int, metadata: Metadata, behind: int = _BEHIND
 ) -> np.ndarray:
     """Returns [height, width, 3] uint8 sRGB of the stored pixels of an image, scaled to that size, which is not larger.
 
-    Transparent areas get the grey level ``behind`` (of 255); without a profile, or with one that does not fit, the
-    colours count as sRGB.
+    Transparent areas get the grey level ``behind`` (of 255); HDR is reduced to SDR (:func:`code_points.for_screen`);
+    without a profile, or with one that does not fit, the colours count as sRGB.
     """
     with refusing("cannot compute the copy for the screen"):
         image = _flattened(image, behind)
         if (image.height, image.width) != (height, width):
             image = image.resize(width / image.width, vscale=height / image.height, kernel="mitchell")
-        if profile is None:
+        if metadata.code_points is not None:
+            image = code_points.for_screen(image, metadata.code_points)
+        elif metadata.icc is None:
             image = to_8_bits(image)
         else:
             try:
-                image = in_srgb(standard(image), profile, bits=8).copy_memory()  # computed now: it may fail
+                image = in_srgb(standard(image), metadata.icc, bits=8).copy_memory()  # computed now: it may fail
             except libvips().Error:  # damaged, or for other colours: programs then assume sRGB
                 libvips().vips_lib.vips_error_clear()
                 image = to_8_bits(image)
@@ -202,14 +207,21 @@ def grey_size(height: int, width: int, short_side: int | None) -> tuple[int, int
 
 
 def grey_copy(
-    image: pyvips.Image, height: int, width: int, vscale: float | None = None, hscale: float | None = None
+    image: pyvips.Image,
+    height: int,
+    width: int,
+    vscale: float | None = None,
+    hscale: float | None = None,
+    stated: CodePoints | None = None,
 ) -> np.ndarray:
     """Returns the luminance [height, width] uint8 of an image, scaled by the factors or, by default, to that size."""
     vscale = vscale or height / image.height
     hscale = hscale or width / image.width
     with refusing("cannot compute the grey copy"):
         image = _flattened(image, _BEHIND)
-        if image.format == "ushort":
+        if stated is not None:
+            image = standard(image.maplut(code_points.grey_table(stated, str(image.format))))
+        elif image.format == "ushort":
             image = standard(image.cast("uchar", shift=True))  # first, because the rest then takes a third of the time
         if (hscale, vscale) != (1.0, 1.0):
             image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")

@@ -293,21 +293,3 @@ def with_bands(array: np.ndarray) -> np.ndarray:
     if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
         raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
     return array.reshape(*array.shape[:2], -1)
-
-
-# sRGB and "unspecified", Display P3; transfer functions displayed alike: Rec. 709, unspecified, Rec. 601, sRGB.
-_SRGB = (1, 2)
-_P3 = 12
-_USUAL_TRANSFERS = (1, 2, 6, 13)
-
-
-def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
-    """Returns the ICC profile for colours given as code points; None if they are sRGB or unspecified."""
-    if transfer in _USUAL_TRANSFERS:
-        if primaries in _SRGB:
-            return None
-        if primaries == _P3:
-            return libvips().Image.profile_load("p3")
-    raise UnshutterError(
-        f"{{photo}} has colours of HDR or video (code points {primaries}/{transfer}): convert it first", photo=source
-    )

@@ -248,7 +248,8 @@ class Photo(FileOutput):
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         if self._decoder is not None:
             return self._decoder.grey(short_side)
-        return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
+        size = grey_size(self.height, self.width, short_side)
+        return grey_copy(self._picture, *size, stated=self._metadata.code_points)
 
     def screen_copy(self, longest: int | None = None) -> np.ndarray:
         """Returns a copy of the stored pixels for a screen, in sRGB (using the photo's profile), flattened on grey.
@@ -269,7 +270,7 @@ class Photo(FileOutput):
         else:
             pixels = self._decoder.reduced(longest)
             image = as_image(pixels[..., :-1] if self.masked else pixels)
-        return decoder.screen_pixels(image, *self._size_for(longest), self._metadata.icc)
+        return decoder.screen_pixels(image, *self._size_for(longest), self._metadata)
 
     def _size_for(self, longest: int | None) -> tuple[int, int]:
         """Returns height and width [px] of a copy whose longer side is at most this long; None: full size."""
@@ -353,7 +354,7 @@ class Photo(FileOutput):
             UnshutterError: the file is damaged, incomplete, or gone.
         """
         size = self._size_for(longest_px or None)
-        pixels = decoder.screen_pixels(self._picture, *size, self._metadata.icc, behind=255)
+        pixels = decoder.screen_pixels(self._picture, *size, self._metadata, behind=255)
         return Orientation(self.orientation).upright(pixels)
 
     def file_as(self, format: str, how: Save) -> Source | None:

@@ -17,6 +17,7 @@ from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.options.picture_formats import BY_NAME
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif, xmp
+from unshutter.photo.code_points import CodePoints, for_screen
 from unshutter.photo.formats import WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
@@ -61,7 +62,7 @@ class FileOutput(ABC):
         Args:
             format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default
                 (PNG for arrays, AVIF for HEIC, TIFF for raw).
-            quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80.
+            quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80 (HDR: 90).
             subsampling: chroma subsampling of JPEG and AVIF, ``4:4:4`` (none) or ``4:2:0``; by default like the input's
                 (4:4:4 for anything in between).
         """
@@ -148,6 +149,9 @@ def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Pictu
 
     If the pixels differ from those of the file that the metadata come from, thumbnails are replaced or removed.
     """
+    stated = picture.metadata.code_points
+    if stated is not None and "code_points" not in format.holds:
+        raise UnshutterError(f"{format.row.title} cannot hold {stated.title}: save it as AVIF or PNG")
     lost_channels = []
     if picture.masked and not format.masks:  # otherwise libvips would treat the mask as transparency
         lost_channels = ["mask channel"]
@@ -198,16 +202,17 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
-            blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
+            blob = exif.with_thumbnail(blob, _thumbnail(image, metadata.code_points), orientation)
             found += () if exif.has_thumbnail(blob) else (Found("thumbnail"),)
     blob = exif.with_orientation(blob, orientation)
     return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources, found=found)
 
 
-def _thumbnail(image: pyvips.Image) -> bytes:
+def _thumbnail(image: pyvips.Image, stated: CodePoints | None) -> bytes:
     small = image.flatten() if image.hasalpha() else image
     small = small.resize(min(160 / max(small.width, small.height), 1.0), kernel="linear")
-    return to_8_bits(small).jpegsave_buffer(Q=80, keep=0)
+    small = to_8_bits(small) if stated is None else for_screen(small, stated)
+    return small.jpegsave_buffer(Q=80, keep=0)
 
 
 def _fitted_pixels(

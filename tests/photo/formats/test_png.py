@@ -203,12 +203,6 @@ def test_colours_of_display_p3_become_a_profile_in_other_formats():
         assert picture.info["icc_profile"]
 
 
-@pytest.mark.parametrize("transfer", [16, 18])
-def test_hdr_is_refused(transfer):
-    with pytest.raises(UnshutterError, match=rf"colours of HDR or video \(code points 9/{transfer}\)"):
-        Photo.from_bytes(png_with((b"cICP", bytes([9, transfer, 0, 1]))))
-
-
 @pytest.mark.parametrize(
     ("pair", "name"),
     [

@@ -18,18 +18,30 @@ from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter import version
 from unshutter.errors import UnshutterError
-from unshutter.photo import boxes, exif
+from unshutter.photo import boxes, code_points, exif
+from unshutter.photo.box_properties import state_colours
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata, Picture, WrittenFormat
-from unshutter.photo.libvips import Source, field, in_plain_words, memory_returned, profile_of, threads
+from unshutter.photo.libvips import (
+    Source,
+    computed,
+    field,
+    in_plain_words,
+    memory_returned,
+    refusing,
+    standard,
+    threads,
+)
 from unshutter.photo.parts import DAMAGED, without
 
 if TYPE_CHECKING:
     import numpy as np
+    import pyvips
     from pi_heif import HeifImage
 
 
+_HDR_QUALITY = 90  # usual one: screens stretch the code values of PQ's darker half
 _THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
 
 
@@ -43,7 +55,7 @@ class Avif(WrittenFormat):
     deep = True
     grey = False
     alpha = True
-    holds = frozenset({"exif", "icc", "xmp"})
+    holds = frozenset({"exif", "icc", "code_points", "xmp"})
 
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
@@ -51,12 +63,14 @@ class Avif(WrittenFormat):
         image = picture_format.open_image(self, source)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         read = picture_format.metadata_of(image)
-        profile = profile_of(*own.code_points, source) if read.icc is None else read.icc
+        profile, stated = read.icc, None
+        if profile is None:
+            profile, stated = code_points.colours(*own.code_points, own.light, source)
         blob = exif.with_header(read.exif)
         if picture_format.readable(self, source) is not source:
             blob = None
             found = without(found, "exif", "EXIF", DAMAGED)
-        metadata = replace(read, exif=blob, icc=profile, found=found)
+        metadata = replace(read, exif=blob, icc=profile, code_points=stated, found=found)
         header = picture_format.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)
         bands = header.bands - 2 if own.grey else header.bands
@@ -74,7 +88,11 @@ class Avif(WrittenFormat):
     @memory_returned()
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        pixels = super().decode(source, header)
+        with refusing("{photo} is damaged or incomplete", photo=source):
+            image = picture_format.readable(self, source).load(self.loader, access="sequential", fail_on="error")
+            if header.metadata.code_points is not None and header.coding.bits > 8:
+                image |= image >> header.coding.bits  # white is 65535
+            pixels = computed(image)
         if header.bands <= 2 < pixels.shape[2]:
             pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
         return header.orientation.stored(pixels)
@@ -83,9 +101,14 @@ class Avif(WrittenFormat):
         """See WrittenFormat."""
         coding = picture.coding
         deep = coding.bits if coding.bits in (10, 12) else 12
+        stated = picture.metadata.code_points
+        if stated is not None:
+            picture = replace(
+                picture, image=_of_bits(picture.image, deep), metadata=replace(picture.metadata, icc=None)
+            )
         options = {
             "compression": "av1",
-            "Q": picture.quality or self.row.usual_quality,
+            "Q": picture.quality or (self.row.usual_quality if stated is None else _HDR_QUALITY),
             "effort": 0,  # takes a quarter of the time of 2; docs/reference/formats.md describes what is lost
             "bitdepth": deep if picture.image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",
@@ -95,6 +118,8 @@ class Avif(WrittenFormat):
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. Appends EXIF, and makes the item of the zeroed placeholder point to it."""
+        if picture.metadata.code_points is not None:
+            state_colours(file, picture.metadata.code_points)
         blob = picture.metadata.exif
         if blob is None:
             return []
@@ -111,6 +136,14 @@ class Avif(WrittenFormat):
         return []
 
 
+def _of_bits(image: pyvips.Image, bits: int) -> pyvips.Image:
+    """Rounds an image of 16 bits to fewer, which are the upper ones: libvips would cut the others off."""
+    if image.format != "ushort":
+        return image
+    levels = image.linear([((1 << bits) - 1) / 65_535], [0.5]).cast("ushort")
+    return standard(levels << (16 - bits))
+
+
 @final
 class Heic(Format):
     """HEIC: read-only."""
@@ -123,11 +156,14 @@ class Heic(Format):
         picture = _primary(source)
         info = picture.info
         height, width = own.orientation.size(*picture.size[::-1])
-        profile = info.get("icc_profile") or profile_of(*own.code_points, source)
+        profile, stated = info.get("icc_profile"), None
+        if not profile:
+            profile, stated = code_points.colours(*own.code_points, own.light, source)
         packet = info.get("xmp")
         metadata = Metadata(
             exif=info.get("exif") or None,
             icc=bytes(profile) if profile else None,
+            code_points=stated,
             xmp=bytes(packet) if packet else None,
             found=found,
         ).without_exif_loop()
@@ -138,6 +174,9 @@ class Heic(Format):
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
         pixels = header.orientation.stored(_upright_pixels(source))
+        if header.metadata.code_points is not None and pixels.itemsize > 1:
+            pixels = pixels | pixels >> header.coding.bits  # white is 65535
+            pixels.setflags(write=False)
         if pixels.shape != (header.height, header.width, header.bands):
             raise UnshutterError("{photo} is damaged: its headers do not match its picture", photo=source)
         return pixels

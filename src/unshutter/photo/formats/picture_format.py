@@ -18,6 +18,7 @@ from unshutter.options.picture_formats import FormatRow
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif, regions
 from unshutter.photo import resources as image_resources
+from unshutter.photo.code_points import CodePoints
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import AppendedVideo
 from unshutter.photo.libvips import Source, computed, field, libvips, refusing, set_blob
@@ -49,6 +50,7 @@ class Metadata:
 
     exif: bytes | None = None  # EXIF, with or without its prefix
     icc: bytes | None = None  # ICC profile
+    code_points: CodePoints | None = None  # what states the colours instead, and takes precedence
     xmp: bytes | None = None  # XMP packet
     resources: bytes | None = None  # Photoshop's image resources, including IPTC
     resolution: Resolution = dataclasses.field(default_factory=Resolution)  # resolution of the picture

@@ -22,12 +22,12 @@ from typing import BinaryIO, final
 from unshutter.errors import UnshutterError
 from unshutter.inventory import Fate
 from unshutter.orientation import Orientation
-from unshutter.photo import chunks, exif
+from unshutter.photo import chunks, code_points, exif
 from unshutter.photo.chunks import COLOURS, TEXTS, Chunk
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, Resolution, WrittenFormat
-from unshutter.photo.libvips import Source, field, profile_of
+from unshutter.photo.libvips import Source, field
 from unshutter.photo.parts import DAMAGED, OTHER, Found, of_coding
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
@@ -38,6 +38,7 @@ _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
 _OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"sBIT", b"acTL", b"fcTL", b"iDOT"})
 _CREDENTIALS = b"caBX"
 _ELSEWHERE = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"tIME"})  # have no meaning, or are kept in another way
+_CODE_POINTS = frozenset({b"cICP", b"mDCV", b"cLLI"})
 _WORDS = {"exif": "EXIF", "xmp": "XMP", "resources": "IPTC", "icc": "colour profile"}
 
 
@@ -51,7 +52,7 @@ class Png(WrittenFormat):
     deep = True
     grey = True
     alpha = True
-    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "chunks"})
+    holds = frozenset({"exif", "icc", "code_points", "xmp", "resources", "resolution", "chunks"})
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
@@ -95,9 +96,11 @@ class Png(WrittenFormat):
             added.append((b"iTXt", _XMP + b"\0\0\0\0\0" + metadata.xmp))
         if metadata.resources is not None:
             added.append(_chunk_of_resources(metadata.resources))
+        own = {name for name, _ in metadata.chunks}
+        if metadata.code_points is not None and b"cICP" not in own:
+            added += metadata.code_points.chunks()
         written = chunks.extent_of(file, b"pHYs")
-        has_own = any(name == b"pHYs" for name, _ in metadata.chunks)
-        if written is not None and (has_own or not metadata.resolution.is_known):
+        if written is not None and (b"pHYs" in own or not metadata.resolution.is_known):
             chunks.remove(file, *written)
         chunks.insert(
             file, _AFTER_HEADER, b"".join(chunks.encoded_chunk(*chunk) for chunk in (*added, *metadata.chunks))
@@ -160,6 +163,8 @@ def _carried_part(name: bytes, size: int, has_colours: bool, metadata: Metadata)
         return picture_format.resolution_part(metadata, size)
     if name in TEXTS:
         return Found("texts", size, "chunks")
+    if name in _CODE_POINTS and metadata.code_points is not None:
+        return Found("colours", size, "code_points")
     if name in _ELSEWHERE:
         is_lost = has_colours and name in (b"gAMA", b"cHRM")
         return Found("colours", size, "chunks", Fate.LEFT_OUT if is_lost else Fate.REPLACED)
@@ -171,17 +176,19 @@ def _metadata(
 ) -> Metadata:
     """Builds the metadata from blobs by attribute, copied chunks, and the parts that are not copied."""
     by_name = {name: data or b"" for name, data, _ in carried}
-    code_points = by_name.get(b"cICP", b"")
-    profile = profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
+    profile, stated = None, None
+    if len(coded := by_name.get(b"cICP", b"")) == 4:
+        profile, stated = code_points.colours(coded[0], coded[1], code_points.light_in_chunks(by_name), source)
     metadata = replace(
         unread,
         exif=blobs.get("exif") or None,
         icc=profile or blobs.get("icc") or unread.icc,
+        code_points=stated,
         xmp=blobs.get("xmp") or None,
         resources=blobs.get("resources") or None,
         chunks=tuple((name, data or b"") for name, data, _ in carried),
     )
-    has_colours = metadata.icc is None and not chunks.are_usual(by_name)
+    has_colours = metadata.icc is stated is None and not chunks.are_usual(by_name)
     found += [_carried_part(name, size, has_colours, metadata) for name, _, size in carried]
     if any(part.held == "resources" for part in found):
         found = [
