@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
+_LARGE = 100_000_000  # px of a picture whose file must be large, too
+
 
 def read_header(source: Source, max_pixels: int) -> Header:
     """Reads the header of encoded data."""
@@ -41,7 +43,7 @@ def read_header(source: Source, max_pixels: int) -> Header:
             f"{{photo}} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels", photo=source
         )
     # so large a picture with so few bits per pixel has a single colour: made to exhaust memory, not by a camera
-    if pixels >= 100_000_000 and 8 * length < 0.03 * pixels:
+    if pixels >= _LARGE and 8 * length < 0.03 * pixels:
         raise UnshutterError(f"{{photo}} is not a photo: {size} cannot come from {length} bytes", photo=source)
     return header
 
