@@ -266,6 +266,11 @@ def test_an_animation_of_one_frame_is_a_photo():
     frame = struct.pack(">5I2H2B", 0, 80, 48, 0, 0, 1, 1, 0, 0)
     still = png_with((b"acTL", struct.pack(">II", 1, 0)), (b"fcTL", frame))
     assert [name for name, _ in chunks_of(again(still))] == [b"IHDR", b"IDAT", b"IEND"]
+    assert Photo.from_bytes(still).encode().left_out == ()
+    behind = (
+        still[:-12] + chunk(b"fdAT", bytes(4) + zlib.compress(bytes(100))) + still[-12:]
+    )  # another than the default
+    assert Photo.from_bytes(behind).encode().left_out == ("further pictures",)
 
 
 def test_packed_texts_are_not_unpacked(monkeypatch):

@@ -67,4 +67,6 @@ def test_what_is_in_the_frames():
     assert left_out(parts) == ["closed captions in the frames", "data of the camera in the frames"]
     x264 = bytes.fromhex("dc45e9bde6d948b7962cd820d923eeef") + b"x264"
     assert list(lost_of_frames({"SEI_UNREGISTERED": x264}, {})) == []
+    assert list(lost_of_frames({"STEREO3D": bytes(36)}, {})) == []  # a single view
+    assert left_out(lost_of_frames({"STEREO3D": b"\1" + bytes(35)}, {})) == ["arrangement of two views"]
     assert left_out(lost_of_frames({"DOVI_METADATA": b""}, {})) == ["Dolby Vision (it describes the old frames)"]

@@ -28,10 +28,9 @@ from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, Resolution, WrittenFormat
 from unshutter.photo.libvips import Source, field
-from unshutter.photo.parts import DAMAGED, OTHER, Found, of_coding
+from unshutter.photo.parts import DAMAGED, OTHER, PICTURES, Found, of_coding
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
-_PIXELS = (b"IDAT", b"fdAT")
 _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
 # Chunks that belong to the encoding of the old pixels and mean nothing to a photographer: palettes, Apple's list of
 # offsets, frames of a still picture.
@@ -116,7 +115,7 @@ def _read_metadata(source: Source, file: BinaryIO, unread: Metadata) -> Metadata
     file.seek(chunks.SIGNATURE_BYTES + 16)
     depth, colour_type = file.read(2).ljust(2, b"\0")
     palette = b""
-    for name, data, size in chunks.chunks_of(file, skipped=_PIXELS):
+    for name, data, size in chunks.chunks_of(file, skipped=(b"IDAT",)):
         if data is None:
             found.append(Found(OTHER, size))
         elif name == b"eXIf":
@@ -147,6 +146,8 @@ def _part(name: bytes, size: int, unread: Metadata) -> Found:
         return Found("colour profile", size, "icc" if unread.icc else "")
     if name in _OF_THE_CODING:
         return of_coding("coding", size)
+    if name == b"fdAT":
+        return Found(PICTURES, size)
     return Found("content credentials" if name == _CREDENTIALS else OTHER, size)
 
 

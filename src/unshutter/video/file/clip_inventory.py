@@ -29,10 +29,12 @@ _SIDE_DATA = {
     "DYNAMIC_HDR_VIVID": Part("HDR Vivid", Fate.LEFT_OUT, "it describes the old frames"),
     **dict.fromkeys(("DOVI_METADATA", "DOVI_RPU_BUFFER", "DOVI_RPU_BUFFER_T35"), DOLBY_VISION),
     **dict.fromkeys(("S12M_TIMECODE", "GOP_TIMECODE"), Part("timecode in the frames", Fate.LEFT_OUT)),
+    "STEREO3D": Part("arrangement of two views", Fate.LEFT_OUT),
     "SEI_UNREGISTERED": Part("data of the camera in the frames", Fate.LEFT_OUT),
 }
 _USED_UP = ("FILM_GRAIN_PARAMS", "VIDEO_ENC_PARAMS", "MOTION_VECTORS", "QP_TABLE_DATA", "QP_TABLE_PROPERTIES")
 _OF_ENCODERS = (bytes.fromhex("dc45e9bde6d948b7962cd820d923eeef"), bytes.fromhex("2ca2de09b51747dbbb55a4fe7fc2fc4e"))
+_EMPTY = {"SEI_UNREGISTERED": _OF_ENCODERS, "STEREO3D": (bytes(4),)}  # side data that say nothing, by how they begin
 # tags that describe the file or its coding, not what is in it
 _OF_FILES = (
     *("encoder", "major_brand", "minor_version", "compatible_brands", "handler_name", "vendor_id", "rotate", "bps"),
@@ -86,7 +88,7 @@ def parts(source: containers.VideoFile, target: str, carried: Iterable[Any], is_
 def lost_of_frames(before: dict[str, bytes], after: dict[str, bytes]) -> Iterator[Part]:
     """Yields what frames of the clip hold next to their pixels, and those of the new video lack."""
     for name, data in before.items():
-        if name in after or name in _USED_UP or (name == "SEI_UNREGISTERED" and data.startswith(_OF_ENCODERS)):
+        if name in after or name in _USED_UP or data.startswith(_EMPTY.get(name, ())):
             continue
         yield _SIDE_DATA.get(name, Part(f"{name.lower().replace('_', ' ')} in the frames", Fate.LEFT_OUT))
 
