@@ -73,6 +73,16 @@ def box(name: bytes, *contents: bytes) -> bytes:
     return struct.pack(">I4s", 8 + sum(map(len, contents)), name) + b"".join(contents)
 
 
+def test_dng_in_jpeg_xl_is_refused_with_what_to_do() -> None:
+    """The tag says so; there is no such data in it."""
+    data = bytearray(dng(linear(drawn(96, 160))))
+    compression = struct.pack("<HHI", 0x0103, 3, 1)
+    struct.pack_into("<H", data, data.index(compression) + len(compression), 52546)
+    with pytest.raises(UnshutterError, match="JPEG XL, which LibRaw cannot decode: use the camera's JPEG") as error:
+        Photo.from_bytes(bytes(data))
+    one_line(error)
+
+
 def test_exif_is_found_where_each_maker_puts_it() -> None:
     tiff = rich_exif().removeprefix(b"Exif\0\0")
     little = Image.Exif()

@@ -65,6 +65,13 @@ class Raw(Format):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
+        with source.stream() as stream:
+            if _is_jpeg_xl(stream):
+                raise UnshutterError(
+                    "{photo} is compressed with JPEG XL, which LibRaw cannot decode: use the camera's JPEG or HEIC, or "
+                    "convert it to an older DNG with Adobe DNG Converter",
+                    photo=source,
+                )
         with _opened(source) as raw:
             sizes = raw.sizes
         with source.stream() as stream:
@@ -128,6 +135,8 @@ def _opened(source: Source) -> Iterator[rawpy.RawPy]:
 _SUB_PICTURES = 0x014A
 _TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # starts and lengths of strips and tiles
 _OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: colour filter array, linear raw
+_JPEG_XL = 52546  # compression, since DNG 1.7
+_ENHANCED = 16  # kind of picture: by a program, from the sensor's values
 _FUJI_TABLE = 84  # positions and lengths of the JPEG, the header and the data
 _AFTER = b"\xa5" * 65_536  # unlike anything that a decoder substitutes for missing data
 
@@ -146,7 +155,7 @@ def is_whole(file: BinaryIO) -> bool | None:
     if tree is None:
         return None
     pictures = [*tree.pages, *_sub_pictures(file, tree)]
-    sensors = [each for each in pictures if _numbers(each, exif.PHOTOMETRIC, tree)[:1] in _OF_SENSORS]  # not previews
+    sensors = _of_sensors(pictures, tree)
     if any(start >= length for picture in sensors for start, _ in _parts(picture, tree)):
         return False
     parts = [part for picture in pictures for part in _parts(picture, tree)]
@@ -188,6 +197,21 @@ def _sub_pictures(file: BinaryIO, tree: Tree) -> list[Directory]:
     offsets = [offset for page in tree.pages for offset in _numbers(page, _SUB_PICTURES, tree)]
     trees = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:64])
     return [tree.pages[0] for tree in trees if tree is not None]
+
+
+def _of_sensors(pictures: list[Directory], tree: Tree) -> list[Directory]:
+    """Returns the pictures with a sensor's values, not previews."""
+    return [each for each in pictures if _numbers(each, exif.PHOTOMETRIC, tree)[:1] in _OF_SENSORS]
+
+
+def _is_jpeg_xl(file: BinaryIO) -> bool:
+    """Whether a DNG's values of the sensor are compressed with JPEG XL; those of an enhanced copy may be."""
+    tree = read_tree(file)
+    if tree is None or _DNG_VERSION not in tree.pages[0]:
+        return False
+    sensors = _of_sensors([*tree.pages, *_sub_pictures(file, tree)], tree)
+    own = [each for each in sensors if _numbers(each, SUBFILE_TYPE, tree)[:1] != (_ENHANCED,)]
+    return any(_numbers(each, exif.COMPRESSION, tree)[:1] == (_JPEG_XL,) for each in own)
 
 
 def _parts(picture: Directory, tree: Tree) -> list[tuple[int, int]]:
