@@ -33,7 +33,7 @@ from unshutter.video.file import clip_inventory, mp4_inventory, mp4_writer, prev
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.containers import VideoFile
-from unshutter.video.file.encoders import Encoder
+from unshutter.video.file.encoders import Encoder, light_boxes
 from unshutter.video.file.motion_file import MotionWriter
 from unshutter.video.file.mp4 import Movie
 from unshutter.video.file.pixels import of_file
@@ -316,9 +316,11 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
         if output.into_copy and frames_file is not None:
             corner = (0, 0) if warper.window is None else (warper.window.left, warper.window.top)
             with part.open("r+b") as out:
-                mp4_writer.write_with_video(source.stream, source.video.id, frames_file, out, corner)
+                is_dolby = writer.has_dolby_vision
+                light = light_boxes(clip, output.encoder.name)
+                mp4_writer.write_with_video(source.stream, source.video.id, frames_file, out, corner, is_dolby, light)
                 others = [each.id for each in source.other_films]
-                parts = mp4_inventory.audited(source.stream, out, source.video.id, others)
+                parts = mp4_inventory.audited(source.stream, out, source.video.id, others, is_dolby)
         else:
             parts = list(output.completed_by_ffmpeg(source, writer, frames_file, part))
         parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)
@@ -346,7 +348,8 @@ def _tried(request: ClipRequest, output: _Output) -> list[Part]:
         if output.into_copy:
             movie = Movie.read(source.stream)
             others = [each.id for each in source.other_films]
-            parts = list(mp4_inventory.parts(movie, movie.track(source.video.id), others))
+            film = movie.track(source.video.id)
+            parts = list(mp4_inventory.parts(movie, film, others, writer.has_dolby_vision))
         else:
             parts = list(output.completed_by_ffmpeg(source, writer, frames_file, part))
         parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)

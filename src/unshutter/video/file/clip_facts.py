@@ -24,6 +24,7 @@ from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.camera_tags import CameraTags
 from unshutter.video.file.clip import Clip
 from unshutter.video.file.containers import COVER, ExpectedLength, Extent, FirstTimes, FrameTiming, VideoFile
+from unshutter.video.file.dynamic_hdr import DolbyVision
 from unshutter.video.file.pixels import COLOURS, FULL_RANGE, PixelFormat
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ class ClipFacts(Clip):
     expected: ExpectedLength = field(repr=False)  # how much of the clip there should be
     extent: Extent | None = field(repr=False)  # how much there is; None if that is as much as was to be read
     timing: FrameTiming = field(repr=False)  # how its frames get their times
+    dolby_vision: DolbyVision | None = None
     progressive: bool = False  # whether the user says that frames are whole, whatever they look like
     says_interlaced: bool = False  # whether its headers say that rows show two moments, which may not be so
 
@@ -143,6 +145,8 @@ class ClipFacts(Clip):
                 if others is not None and is_one and _is_within(containers.time_of(packet), start, end):
                     others.append(packet)
                 continue
+            for reader in file.readers:
+                reader(packet)
             for frame in containers.decode_packet(packet, file):
                 decoded += 1
                 times.set(frame)
@@ -214,6 +218,12 @@ def read_clip_facts(
                 raise UnshutterError("{clip} is damaged: the times of its frames cannot be right", clip=place)
             if "SPHERICAL" in begun.side_data:
                 raise UnshutterError("{clip} is a 360-degree clip: its rows are not rows of the sensor", clip=place)
+            described = []
+            with suppress(*mp4.DAMAGE):
+                described = [] if movie is None else movie.track(video.id).descriptions
+            dolby_vision = DolbyVision.of(begun.side_data, described)
+            if dolby_vision is not None:
+                dolby_vision.check(place)
             step = max(1, round(interval_s / float(video.time_base)))
             begin = 0 if times.first is None else times.first - times.untimed * step
             tags = {**pyav.tags(container), **pyav.tags(video)}
@@ -245,6 +255,7 @@ def read_clip_facts(
                 expected=ExpectedLength.of(file, interval_s, bool(video.duration) and kind not in _NO_TABLES),
                 extent=None if begun.reaches_end or is_whole else begun.extent,
                 timing=FrameTiming(begin, step, begun.delay if kind == "avi" else None),
+                dolby_vision=dolby_vision,
                 progressive=progressive,
                 says_interlaced=context.field_order not in (0, 1),
             )

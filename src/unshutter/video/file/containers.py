@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -45,6 +45,7 @@ class VideoFile:
     container: Any  # PyAV's
     video: Any  # its first stream of moving pictures
     damaged_s: list[float | None] = field(default_factory=list)  # times of its packets that cannot be decoded [s]
+    readers: list[Callable[[Packet], None]] = field(default_factory=list)  # of the video's packets, as they are met
 
     @property
     def other_films(self) -> list[Any]:

@@ -57,6 +57,8 @@ _ENCODERS = {decoder: name for name, codec in _CODECS.items() for decoder in cod
 REDUCED = {"yuv444p12le": "yuv444p10le", "yuva444p12le": "yuva444p10le"}  # decoded ProRes 4444 -> what is encoded
 # codec tags of Dolby Vision, whose metadata the new frames lack -> those of the frames without it
 _BASE_LAYERS = {"dvh1": "hvc1", "dvhe": "hev1", "dva1": "avc1", "dvav": "avc3", "dav1": "av01"}
+_STATE_LIGHT = ("libx264", "libx265", "libsvtav1")  # encoders that take mastering displays and light levels
+_NAMES, _POINTS = ("G", "B", "R", "WP"), (2, 3, 4, 5, 0, 1, 6, 7)  # of a mastering display, as they take and store it
 _MOST_TICKS = 65_535  # per second, of coarse times
 _LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
 
@@ -101,6 +103,8 @@ class Encoder:
             options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, "max-cll={},{}")])
         if name == "libsvtav1" and (hdr := _hdr(clip, _svt_display, "content-light={},{}")):
             options["svtav1-params"] = ":".join(hdr)
+        if name == "libx264" and (hdr := _hdr(clip, _x264_display, "cll={},{}")):
+            options["x264-params"] = ":".join(hdr)
         return cls(name, format_, options, bits_per_s=rate or None)
 
     def add_to(self, container: OutputContainer, clip: ClipFacts, size: tuple[int, int]) -> VideoStream:
@@ -231,26 +235,53 @@ def _follow(stream: VideoStream, coding: Coding, tagged: bool) -> None:
 # ---- mastering display ---------------------------------------------------------------------------------
 
 
+def _light(clip: ClipFacts) -> tuple[list[float], tuple[int, int] | None]:
+    """Returns a clip's mastering display and light levels [cd/m²]; empty and None if it states none.
+
+    The display is x and y of red, green, blue and white, then the least and the greatest luminance [cd/m²].
+    """
+    display: list[float] = []
+    if len(raw := clip.side_data.get("MASTERING_DISPLAY_METADATA", b"")) >= 88 and all(
+        struct.unpack("=2i", raw[80:88])
+    ):
+        numbers = struct.unpack("=20i", raw[:80])
+        display = [n / d if d else 0.0 for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
+    raw = clip.side_data.get("CONTENT_LIGHT_LEVEL", b"")
+    return display, struct.unpack("=2I", raw[:8]) if len(raw) >= 8 else None
+
+
 def _hdr(clip: ClipFacts, display: Callable[[list[float]], str], light: str) -> list[str]:
     """Returns a clip's mastering display and light levels as encoder settings."""
-    side_data = clip.side_data
-    settings = []
-    if len(raw := side_data.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
-        numbers = struct.unpack("=20i", raw[:80])
-        values = [n / d if d else 0.0 for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
-        if all(struct.unpack("=2i", raw[80:88])):
-            settings.append(display(values))
-    if len(raw := side_data.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
-        settings.append(light.format(*struct.unpack("=2I", raw[:8])))
-    return settings
+    mastering, levels = _light(clip)
+    return [*([display(mastering)] if mastering else []), *([light.format(*levels)] if levels else [])]
+
+
+def light_boxes(clip: ClipFacts, encoder: str) -> list[tuple[bytes, bytes]]:
+    """Returns the same as boxes of a sample entry; none if the encoder writes them into its data."""
+    if encoder in _STATE_LIGHT:
+        return []
+    mastering, levels = _light(clip)
+    boxes = []
+    if mastering:
+        points = (round(50_000 * mastering[k]) for k in _POINTS)
+        boxes.append((b"mdcv", struct.pack(">8H2I", *points, *(round(1e4 * mastering[k]) for k in (9, 8)))))
+    return [*boxes, (b"clli", struct.pack(">2H", *(min(each, 0xFFFF) for each in levels)))] if levels else boxes
+
+
+def _x26x_display(v: list[float]) -> str:
+    numbers = [round(50_000 * v[k]) for k in _POINTS]
+    points = "".join(f"{n}({x},{y})" for n, x, y in zip(_NAMES, numbers[::2], numbers[1::2], strict=True))
+    return f"{points}L({round(1e4 * v[9])},{round(1e4 * v[8])})"
+
+
+def _x264_display(v: list[float]) -> str:
+    return f"mastering-display={_x26x_display(v)}"
 
 
 def _x265_display(v: list[float]) -> str:
-    red, green, blue, white = ([round(50_000 * x) for x in v[k : k + 2]] for k in (0, 2, 4, 6))
-    points = "".join(f"{n}({x},{y})" for n, (x, y) in (("G", green), ("B", blue), ("R", red), ("WP", white)))
-    return f"hdr10=1:repeat-headers=1:master-display={points}L({round(1e4 * v[9])},{round(1e4 * v[8])})"
+    return f"hdr10=1:repeat-headers=1:master-display={_x26x_display(v)}"
 
 
 def _svt_display(v: list[float]) -> str:
-    points = "".join(f"{n}({v[k]:.5f},{v[k + 1]:.5f})" for n, k in (("G", 2), ("B", 4), ("R", 0), ("WP", 6)))
+    points = "".join(f"{n}({v[k]:.5f},{v[k + 1]:.5f})" for n, k in zip(_NAMES, _POINTS[::2], strict=True))
     return f"mastering-display={points}L({v[9]:.4f},{v[8]:.4f})"

@@ -10,7 +10,7 @@ the ISO Base Media File Format; Apple, Stereo Video: ISOBMFF Extensions (vexu, h
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import NamedTuple
@@ -19,6 +19,7 @@ import numpy as np
 
 from unshutter.inventory import Fate, Part
 from unshutter.photo.boxes import inside
+from unshutter.video.file.dynamic_hdr import DOLBY_BOXES
 from unshutter.video.file.mp4 import FULL, STBL, VISUAL, Track, box, offsets_box, rebuilt
 
 _SIZE_AT = 24  # of width and height in a visual sample entry
@@ -36,7 +37,7 @@ _CODING = {
         Part("configuration of the codec", Fate.REPLACED),
     ),
     **dict.fromkeys(
-        (b"dvcC", b"dvvC", b"dvwC", b"hvcE", b"avcE"),
+        (*DOLBY_BOXES, b"hvcE", b"avcE"),
         DOLBY_VISION,
     ),
     **dict.fromkeys(_LAYERS, Part("the other eye's view", Fate.LEFT_OUT, "the encoder writes one view")),
@@ -66,6 +67,8 @@ class Replacement:
     video: Track
     scales: tuple[int, int]  # time units per second of the film's file, and of the other
     corner: tuple[int, int]  # left and top side of the part of each frame that is kept [px]
+    dolby_vision: bool = False  # whether the new samples have that of the old ones
+    light: Sequence[tuple[bytes, bytes]] = ()  # further descriptions, unless the film has such
 
     def track(self, starts: np.ndarray, is_wide: bool) -> bytes:
         """Returns the content of the new track, with the film's own names, times and tags.
@@ -77,7 +80,7 @@ class Replacement:
 
         def table(name: bytes, content: bytes) -> bytes | None:
             if name == b"stsd":
-                return box(name, _described(content, self.film, self._window))
+                return box(name, self._described(content))
             if name == b"stsc":  # one sample per chunk, so that sound can be interleaved
                 return box(name, struct.pack(">IIIII", 0, 1, 1, 1, 1))
             return offsets_box(starts, is_wide) if name in (b"stco", b"co64") else None
@@ -89,6 +92,20 @@ class Replacement:
     @property
     def _window(self) -> Window:
         return Window(*self.corner, *_size(self.video))
+
+    def _described(self, theirs: bytes) -> bytes:
+        """Returns the new ``stsd`` content, its first entry with what the film's said of it but not of its coding."""
+        (kind, content), *more = inside(theirs[FULL + 4 :])
+        known = {_kind_of(*each) for each in inside(content[VISUAL:])}
+        own = {name for name, _ in self.film.descriptions}
+        content += b"".join(box(*each) for each in self.light if each[0] not in own | known)
+        for name, extra in self.film.descriptions:
+            is_carried = _part_of(name, self.film, self.dolby_vision).fate is Fate.CARRIED
+            if name == b"clap" and self._window[2:] != _size(self.film):
+                content += _clap(self.film, self._window)
+            elif is_carried and _kind_of(name, extra) not in known:
+                content += box(name, extra)
+        return theirs[: FULL + 4] + box(kind, content) + b"".join(box(*each) for each in more)
 
     def _header(self, name: bytes, content: bytes) -> bytes | None:
         """Returns what replaces a box of the track outside its media; None if nothing does."""
@@ -115,28 +132,34 @@ class Replacement:
         return box(name, bytes(header))
 
 
-def parts(film: Track) -> Iterator[Part]:
-    """Yields what becomes of the boxes of the film's track that its new samples might contradict."""
+def parts(film: Track, dolby_vision: bool = False) -> Iterator[Part]:
+    """Yields what becomes of the boxes of the film's track that its new samples might contradict.
+
+    Args:
+        dolby_vision: whether the new samples have that of the old ones.
+    """
     for name, content in inside(film.part(*STBL)):
         if name not in _TABLES:
             reason = "it describes the old frames one by one"
             yield Part(f"table {words(name)} of the film", Fate.LEFT_OUT, reason, len(content))
     for name, content in film.descriptions:
-        yield replace(_part_of(name, film), size=len(content))
+        yield replace(_part_of(name, film, dolby_vision), size=len(content))
     if any(edit.start >= 0 and edit.rate != 1 for edit in film.edits):
         yield Part("speed of the film's edits", Fate.LEFT_OUT, "it plays as fast as it was recorded")
 
 
-def _part_of(name: bytes, film: Track) -> Part:
+def _part_of(name: bytes, film: Track, dolby_vision: bool = False) -> Part:
     """Returns what becomes of a box of the film's sample entry."""
+    if name in DOLBY_BOXES and dolby_vision:
+        return Part(DOLBY_VISION.name, Fate.CARRIED)
     if name == b"vexu" and any(each in _LAYERS for each, _ in film.descriptions):
         return _CODING[_LAYERS[0]]
     return _CODING.get(name, Part(f"description {words(name)} of the film", Fate.CARRIED))
 
 
-def carried(film: Track) -> list[bytes]:
-    """Returns the types of the boxes of the film's sample entry that do not depend on its coding."""
-    return [name for name, _ in film.descriptions if _part_of(name, film).fate is Fate.CARRIED]
+def carried(film: Track, dolby_vision: bool = False) -> list[bytes]:
+    """Returns the types of the boxes of the film's sample entry that do not depend on its coding, see :func:`parts`."""
+    return [name for name, _ in film.descriptions if _part_of(name, film, dolby_vision).fate is Fate.CARRIED]
 
 
 def kept(film: Track) -> set[bytes]:
@@ -150,18 +173,6 @@ def kept(film: Track) -> set[bytes]:
 def words(name: bytes) -> str:
     """Returns the type of a box for people."""
     return "'" + "".join(each if each.isprintable() else "?" for each in name.decode("latin-1")) + "'"
-
-
-def _described(theirs: bytes, film: Track, window: Window) -> bytes:
-    """Returns the new ``stsd`` content, its first entry with what the film's said of it but not of its coding."""
-    (kind, content), *more = inside(theirs[FULL + 4 :])
-    known = {_kind_of(*each) for each in inside(content[VISUAL:])}
-    for name, extra in film.descriptions:
-        if name == b"clap" and window[2:] != _size(film):
-            content += _clap(film, window)
-        elif _part_of(name, film).fate is Fate.CARRIED and _kind_of(name, extra) not in known:
-            content += box(name, extra)
-    return theirs[: FULL + 4] + box(kind, content) + b"".join(box(*each) for each in more)
 
 
 def _kind_of(name: bytes, content: bytes) -> bytes:

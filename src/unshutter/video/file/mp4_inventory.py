@@ -156,11 +156,12 @@ class PlaceTable(NamedTuple):
 # ---- the inventory --------------------------------------------------------------------------------------------------
 
 
-def parts(movie: Movie, film: Track, other_films: Collection[int] = ()) -> Iterator[Part]:
+def parts(movie: Movie, film: Track, other_films: Collection[int] = (), dolby_vision: bool = False) -> Iterator[Part]:
     """Yields what becomes of each part of a file whose film is replaced.
 
     Args:
         other_films: IDs of further tracks with moving pictures.
+        dolby_vision: whether the new film has that of the old one.
     """
     ranges = loose(movie)
     for track in movie.tracks:
@@ -170,7 +171,7 @@ def parts(movie: Movie, film: Track, other_films: Collection[int] = ()) -> Itera
             yield Part(name, Fate.CARRIED, ONE_FILM if track.number in other_films else "", size)
             continue
         yield Part(name, Fate.REPLACED, size=size)
-        yield from mp4_film.parts(track)
+        yield from mp4_film.parts(track, dolby_vision)
     for name, content in movie.others:
         fate = Fate.TRANSFORMED if PlaceTable.of(name, content, ranges) else Fate.CARRIED
         yield Part(f"box moov/{words(name)}", fate, size=len(content))
@@ -189,17 +190,23 @@ def parts(movie: Movie, film: Track, other_films: Collection[int] = ()) -> Itera
 # ---- the audit ------------------------------------------------------------------------------------------------------
 
 
-def audited(before: BinaryIO, after: BinaryIO, number: int, other_films: Collection[int]) -> list[Part]:
+def audited(
+    before: BinaryIO, after: BinaryIO, number: int, other_films: Collection[int], dolby_vision: bool = False
+) -> list[Part]:
     """Returns what became of each part of a file whose film was replaced; what is found to be lost is among it.
 
     Args:
         number: ID of the film's track.
         other_films: IDs of further tracks with moving pictures.
+        dolby_vision: whether the new film has that of the old one.
     """
     movie = Movie.read(before)
     film = movie.track(number)
     lost = audit(movie, Movie.read(after), film)
-    return [*parts(movie, film, other_films), *(Part(name, Fate.LEFT_OUT, "it was damaged") for name in lost)]
+    return [
+        *parts(movie, film, other_films, dolby_vision),
+        *(Part(name, Fate.LEFT_OUT, "it was damaged") for name in lost),
+    ]
 
 
 def audit(before: Movie, after: Movie, film: Track) -> list[str]:

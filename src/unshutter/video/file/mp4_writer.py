@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import accumulate
@@ -105,12 +105,20 @@ def _length(ranges: list[Range]) -> int:
 
 
 def write_with_video(
-    original: BinaryIO, number: int, video: BinaryIO, out: BinaryIO, corner: tuple[int, int] = (0, 0)
+    original: BinaryIO,
+    number: int,
+    video: BinaryIO,
+    out: BinaryIO,
+    corner: tuple[int, int] = (0, 0),
+    dolby_vision: bool = False,
+    light: Sequence[tuple[bytes, bytes]] = (),
 ) -> None:
     """Writes the original file with the only track of another file in place of its track with an ID.
 
     Args:
         corner: left and top side of the part of each frame that is kept [px].
+        dolby_vision: whether the new samples have that of the old ones.
+        light: boxes that say how bright the new film is, if the original has none.
     """
     movie = Movie.read(original)
     new = Movie.read(video)
@@ -118,7 +126,7 @@ def write_with_video(
     (own,) = new.tracks
     samples = own.packets()
     sizes = [each.size for each in samples]
-    replacement = Replacement(film, own, (movie.timescale, new.timescale), corner)
+    replacement = Replacement(film, own, (movie.timescale, new.timescale), corner, dolby_vision, light)
     begin_s = film.begin_s(movie.timescale) - own.begin_s(new.timescale)
     changes = _film_changes(movie, film, [each._replace(at_s=each.at_s - begin_s) for each in samples])
     changes += [_Change(each.head, each.end) for each in signatures(movie)]

@@ -21,6 +21,7 @@ from unshutter.options.clip_options import Encode
 from unshutter.progress import ClipObserver
 from unshutter.video.file.clip_facts import ClipFacts
 from unshutter.video.file.containers import ALPHA_MODE, COVER, ONE_FILM, VideoFile, opened, time_of
+from unshutter.video.file.dynamic_hdr import DynamicHdr
 from unshutter.video.file.encoders import REDUCED, Encoder, others_for
 from unshutter.video.file.part_times import chapters_of_part, timecode_after
 from unshutter.video.file.pixels import FULL_RANGE, LIMITED_RANGE
@@ -93,6 +94,10 @@ class VideoWriter:
             self._add_others(source, encoder, ending)
             if chapters := self._chapters(source):
                 container.set_chapters(chapters)
+        is_whole = size == (clip.height, clip.width)  # otherwise, places in the metadata would be others
+        self._dynamic_hdr = DynamicHdr.between(like, encoder.name, clip.dolby_vision) if is_whole else None
+        if self._dynamic_hdr is not None:
+            source.readers.append(self._dynamic_hdr.read)
         self._shift = start_s
         self._undated: dict[int, list[Packet]] = {}  # packets of a stream without a decoding time, as it begins
         self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
@@ -170,6 +175,11 @@ class VideoWriter:
             return chapters
         return chapters_of_part(chapters, start_s or 0.0, math.inf if end_s is None else end_s)
 
+    @property
+    def has_dolby_vision(self) -> bool:
+        """Whether the new frames have the Dolby Vision of the clip's."""
+        return self._dynamic_hdr is not None and self._dynamic_hdr.has_dolby_vision
+
     def add_frame(self, frame: VideoFrame) -> None:
         """Writes the next rectified frame, with the times of the original, after the packets that come before it."""
         self._add_packets(frame.time or 0.0)
@@ -181,8 +191,11 @@ class VideoWriter:
         frame.pict_type = 0  # the encoder chooses the key frames
         if frame.pts is not None and frame.time_base:
             base = self._stream.codec_context.time_base
-            ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
+            before = frame.pts
+            ticks = round((before - round(self._shift / frame.time_base)) * frame.time_base / base)
             frame.pts = self._last = max(ticks, self._last + self._least_step())
+            if self._dynamic_hdr is not None:
+                self._dynamic_hdr.follow(before, self._last)
             frame.time_base = base
         self._put(lambda: self._add_encoded(self._stream.encode(frame)))
 
@@ -239,7 +252,8 @@ class VideoWriter:
 
     def _add_encoded(self, encoded: Iterable[Packet]) -> None:
         """Writes the next packets of the video; compares its bit rate with the clip's once it can be predicted."""
-        for packet in encoded:
+        for each in encoded:
+            packet = each if self._dynamic_hdr is None else self._dynamic_hdr.completed(each)
             packet.stream = self._stream
             self._bytes = self._bytes + packet.size
             self._packets = self._packets + 1
