@@ -1,5 +1,6 @@
 """Poses of rows put points where an exact rolling shutter shows them; the middle row's pose alone does not."""
 
+import json
 from pathlib import Path
 from typing import TypedDict
 
@@ -57,6 +58,28 @@ def test_a_clips_motion_file_gives_the_same(tmp_path: Path) -> None:
     poses = unshutter.camera_poses(model, camera.write_clip_motion(tmp_path / "clip.json", 13), rows=HEIGHT)
     assert np.max(errors_px(poses, camera)) < 0.1
     assert poses.readout_s == pytest.approx(0.02)
+
+
+def test_the_clock_of_a_motion_file_is_the_cameras(tmp_path: Path) -> None:
+    camera = WalkingCamera()
+    model = camera.write_model(tmp_path / "sparse")
+    file = camera.write_clip_motion(tmp_path / "clip.json", 13)
+    head = json.loads(file.read_text())
+    for interval_s, slowed, readout_s in ((1 / FPS, 1, 0.02), (1.25 / FPS, 1, 0.025), (0.125 / FPS, 8, 0.02)):
+        file.write_text(json.dumps(head | {"frame_interval_s": interval_s, "slowed": slowed}))
+        poses = unshutter.camera_poses(model, file)
+        assert poses.readout_s == pytest.approx(readout_s)
+        assert ("24 of 30 frames a second are the camera's" in poses.described()) == (interval_s > 1 / FPS)
+
+
+def test_pictures_with_bars_are_refused(tmp_path: Path) -> None:
+    camera = WalkingCamera()
+    model = camera.write_model(tmp_path / "sparse")
+    file = camera.write_clip_motion(tmp_path / "clip.json", 13)
+    bars = {"picture": {"top": 10, "bottom": HEIGHT - 10, "left": 0, "right": WIDTH}}
+    file.write_text(json.dumps(json.loads(file.read_text()) | bars))
+    with pytest.raises(UnshutterError, match=rf"have bars.*crop={WIDTH}:{HEIGHT - 20}:0:10\)"):
+        unshutter.camera_poses(model, file)
 
 
 def test_what_only_looks_like_a_turn_is_taken_off(tmp_path: Path) -> None:

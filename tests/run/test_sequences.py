@@ -130,7 +130,7 @@ def test_gaps_in_time_part_a_sequence(moving, tmp_path):
     ]
 
 
-def test_missing_numbers_part_a_sequence(moving, tmp_path):
+def test_missing_numbers_part_a_sequence(moving, tmp_path, capsys):
     """A frame that was deleted took its time: those next to it are not neighbours."""
     _, folder = moving
     photos = [Path(path) for path in sorted(folder.glob("*.png")) if path.stem != "4"]
@@ -139,8 +139,11 @@ def test_missing_numbers_part_a_sequence(moving, tmp_path):
     complete, _ = add_motions(jobs, photos, request, 10**8)
     found = [(job.before and job.before.stem, job.after and job.after.stem) for job in complete]
     assert found == [(None, "1"), ("0", "2"), ("1", "3"), ("2", None), (None, None)]
+    line = f"unshutter: the sequence is interrupted before {photos[-1]}: numbers are missing in the names\n"
+    assert capsys.readouterr().err == line
     complete, _ = add_motions(jobs[::2], photos[::2], request, 10**8)  # too few to tell how they count
     assert [job.after and job.after.stem for job in complete] == ["2", "5", None]
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,8 @@ class CameraPoses:
         pictures: in the order of the model's names.
         left_out: why pictures were left out -> their number.
         readout_s: readout time of a picture [s].
-        matched: for each camera whose pictures are not numbered as the clip's frames, which frames they show.
+        matched: for each camera whose pictures are not numbered as the clip's frames, which frames they show; and
+            whether frames repeat others.
     """
 
     pictures: list[PicturePoses]

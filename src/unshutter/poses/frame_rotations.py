@@ -21,6 +21,7 @@ from unshutter.run.inputs import motion_name
 from unshutter.video.file.motion_file import load_clip_motion
 
 _NUMBER = re.compile(r"(\d+)\D*$")
+_REPEATING = 1.02  # ratio of the camera's interval to the file's from which frames are repeated
 _LONGEST_S = 1.0  # between pictures from whose poses a speed is taken
 
 
@@ -45,6 +46,11 @@ class FrameRotations(ABC):
     """The camera's rotations within and between the frames of a video, which are counted from 0."""
 
     readout_s: float
+    note: str = ""  # what is to be said of the frames, in a line
+
+    @abstractmethod
+    def check(self, camera: PictureCamera) -> None:
+        """Raises UnshutterError if pictures of this size are not the frames whose motion is known."""
 
     @abstractmethod
     def motion(self, name: str, number: int) -> Finding:
@@ -74,9 +80,26 @@ class ClipRotations(FrameRotations):
         self._file = file
         self._clip = load_clip_motion(file)
         times = self._clip.times_s
-        interval_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        shown_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        interval_s = shown_s if self._clip.interval_s is None else self._clip.interval_s * self._clip.slowed
         self.readout_s = self._clip.ratio * interval_s
+        if interval_s > _REPEATING * shown_s > 0:
+            rates = f"{1 / interval_s:.4g} of {1 / shown_s:.4g} frames a second are the camera's"
+            self.note = (
+                f"{rates}: a picture that repeats another has a wrong pose (ffmpeg -vf mpdecimate leaves it out)"
+            )
         self._steps: tuple[PictureCamera, np.ndarray] | None = None  # those for a camera
+
+    def check(self, camera: PictureCamera) -> None:
+        """See FrameRotations: bars round the picture are not part of it."""
+        inside = self._clip.picture
+        if inside is not None and (camera.height, camera.width) == (self._clip.height, self._clip.width):
+            width, height = inside.right - inside.left, inside.bottom - inside.top
+            crop = f"crop={width}:{height}:{inside.left}:{inside.top}"
+            raise UnshutterError(
+                f"the pictures of the model have bars, which {{file}} leaves out: cut them off (ffmpeg -vf {crop})",
+                file=self._file,
+            )
 
     def motion(self, name: str, number: int) -> Finding:
         """See FrameRotations."""
@@ -124,6 +147,9 @@ class PictureRotations(FrameRotations):
         self._folder = folder
         self._clock = clock
         self.readout_s = clock.readout_s
+
+    def check(self, camera: PictureCamera) -> None:
+        """See FrameRotations: each picture has a motion of its own."""
 
     def motion(self, name: str, number: int) -> Finding:
         """See FrameRotations; pictures without a file have no motion."""

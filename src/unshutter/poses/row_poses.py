@@ -113,7 +113,7 @@ def find_poses(colmap: str | Path, motions: str | Path, options: PoseOptions) ->
     source = rotations_from(Path(motions), options.clock)
     frames: list[list[_Frame]] = []  # of each series, in the order of time
     left_out: Counter[str] = Counter()
-    matched: list[str] = []
+    matched = [source.note] if source.note else []
     all_series = _series(pictures, options.first_number)
     for name, series in all_series.items():
         numbers = _numbers(series, source)
@@ -201,6 +201,7 @@ def _camera_of(picture: ColmapPicture) -> PictureCamera:
 def _frame_of(picture: ColmapPicture, number: int, source: FrameRotations, options: PoseOptions) -> _Frame | str:
     """Returns a picture as a frame of the video, or why its motion is unknown."""
     camera = picture.camera
+    source.check(_camera_of(picture))
     try:
         found = source.motion(picture.name, number)
     except MissingFileError:

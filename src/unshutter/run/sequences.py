@@ -15,6 +15,7 @@ from unshutter.frames.sequence import CameraMotion, GreyFrame
 from unshutter.frames.usual_ratio import FEW, usual_ratio
 from unshutter.options import Rectify
 from unshutter.photo import Photo
+from unshutter.progress import tell
 from unshutter.readout_time import ReadoutRatio
 from unshutter.rectification.sequences import RectifiedFrame, SequenceOptions, rectify_between, rectify_by_camera
 from unshutter.run.ahead import PreviewError, open_input
@@ -40,13 +41,17 @@ def add_motions(
         finder = CameraMotion(ratio, camera.focal_px, camera.scan_direction)
         readable: list[Path] = []
         pairs: list[tuple[Path, Path]] = []  # consecutive photos
-        frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
+        missing: list[Path] = []  # photos before whose number others are missing
+        frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, missing, max_pixels)))
         unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
         if unknown is None or finder.ratio is not None or request.neighbours.fallback:
             break
         if len(readable) > FEW:
             raise UnknownRatioError(str(unknown), unknown)
         ratio = usual_ratio([open_input(place, max_pixels) for place in readable])
+    if missing:
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        tell(f"unshutter: the sequence is interrupted before {missing[0]}{more}: numbers are missing in the names")
     motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
     after = {absolute(first): absolute(second) for first, second in pairs}
     before = {second: first for first, second in after.items()}
@@ -56,12 +61,18 @@ def add_motions(
 
 
 def _grey_frames(
-    finder: CameraMotion, photos: list[Path], readable: list[Path], pairs: list[tuple[Path, Path]], max_pixels: int
+    finder: CameraMotion,
+    photos: list[Path],
+    readable: list[Path],
+    pairs: list[tuple[Path, Path]],
+    missing: list[Path],
+    max_pixels: int,
 ) -> Iterator[GreyFrame | None]:
     """Yields grey copies of the photos; None where the sequence is interrupted.
 
     It is interrupted between folders, at unreadable photos, at gaps in time, and where numbers are missing in names
-    that usually count on. Readable photos are appended to ``readable``, and pairs of consecutive photos to ``pairs``.
+    that usually count on. Readable photos are appended to ``readable``, pairs of consecutive photos to ``pairs``, and
+    photos after missing numbers to ``missing``.
     """
     last: tuple[Path, datetime | None] | None = None
     interval: timedelta | None = None
@@ -83,6 +94,7 @@ def _grey_frames(
             is_missing = usual is not None and step is not None and step > usual
             if last[0].parent != where.parent or is_missing or _is_gap(since, interval):
                 interval = None
+                missing += [where] if is_missing else []
                 yield None
             else:
                 interval = max(interval or since, since) if since is not None else interval

@@ -48,6 +48,10 @@ def test_chunks_of_avi(tmp_path, capsys):
     path = tmp_path / "in.avi"
     path.write_bytes(data[:4] + struct.pack("<I", len(data) - 8) + data[8:])
     assert not_kept(capsys, path, tmp_path / "out.avi") == "chunks 'ncdt'"
+    at = data.index(b"JUNK") + 8  # a chunk that keeps room
+    filler = data[:at] + b"OLYM" + data[at + 4 :]
+    path.write_bytes(filler[:4] + struct.pack("<I", len(data) - 8) + filler[8:])
+    assert not_kept(capsys, path, tmp_path / "filled.avi") == "chunks 'JUNK', 'ncdt'"
 
 
 def test_tags_and_chapters(tmp_path, capsys):

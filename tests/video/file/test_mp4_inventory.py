@@ -249,6 +249,14 @@ def test_random_edit_lists_leave_frames_at_their_times(tmp_path, capsys, seed):
     assert streams((tmp_path / "out.mp4").read_bytes())[1] == streams(source.read_bytes())[1]
 
 
+def test_a_false_count_of_edits(films):
+    edit = struct.pack(">Iiii", 1, 500, 0, 1 << 16)
+    data = with_edits(films[0], [(500, 0)]).replace(edit, struct.pack(">I", 200) + edit[4:])
+    result, parts = replaced(data, films[2])
+    assert left_out(parts) == []
+    check(data, result, films[2])
+
+
 def test_the_speed_of_an_edit_is_named(films):
     edit = struct.pack(">iii", 500, 0, 1 << 16)
     data = with_edits(films[0], [(500, 0)]).replace(edit, struct.pack(">iii", 500, 0, 1 << 15))

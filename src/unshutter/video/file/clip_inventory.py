@@ -49,7 +49,7 @@ _TRACK_BOXES = (b"tkhd", b"edts", b"mdia", b"tref", b"meta", b"tapt", b"load")
 _OF_PLAYERS = (b"meta", b"chpl", b"name", b"hnti", b"hinf", b"WLOC", b"SelO", b"AllF", b"tagc")
 _FFMPEGS = (b"colr", b"pasp", b"clli", b"mdcv", b"gama", b"chrm")  # descriptions of a film that FFmpeg writes, too
 _BLANK = (b"free", b"skip", b"JUNK", b"PAD ")
-_CHUNKS = (b"avih", b"strh", b"strf", b"strn", b"indx", b"vprp", b"dmlh", b"idx1", b"IDIT", b"JUNK")
+_CHUNKS = (b"avih", b"strh", b"strf", b"strn", b"indx", b"vprp", b"dmlh", b"idx1", b"IDIT")
 _MOST_CHUNKS = 10_000
 _LONGEST = 1 << 20  # bytes read of a part
 
@@ -155,10 +155,15 @@ def _chunks(stream: BinaryIO, known: set[bytes]) -> Iterator[Part]:
     names = dict.fromkeys(
         name
         for name, content in _leaves(stream, 0, stream.seek(0, os.SEEK_END))
-        if not _is_known(name, content, _CHUNKS, known)
+        if not _is_known(name, content, _CHUNKS, known) and not _is_filler(name, content)
     )
     if names:
         yield Part(f"chunks {', '.join(map(words, names))}", Fate.LEFT_OUT)
+
+
+def _is_filler(name: bytes, content: bytes) -> bool:
+    """Whether a chunk keeps room and holds anything: cameras write a name of theirs where they use such a chunk."""
+    return name in _BLANK and (not content[:4].isalnum() or content.startswith(b"odml"))
 
 
 def _leaves(stream: BinaryIO, at: int, end: int) -> Iterator[tuple[bytes, bytes]]:

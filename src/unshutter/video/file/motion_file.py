@@ -43,6 +43,7 @@ class ClipMotion:
     lens: Lens | None = None  # the camera's lens, if it bends straight lines
     interval_s: float | None = None  # that interval [s]; None if the file lacks it
     picture: Tile | None = None  # the part of the frames between bars; None: all of it
+    slowed: float = 1.0  # how many times slower the file shows what the camera took
 
     def at(self, time_s: float) -> tuple[Finding, bool, Step | None]:
         """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it."""
@@ -70,6 +71,7 @@ class MotionWriter:
             "readout_ratio": ratio.value,
             "readout_ratio_sd": ratio.error or None,
             "found_by": ratio.source,
+            **({} if clip.clock.slowed == 1 else {"slowed": clip.clock.slowed}),
             **({} if clip.picture is None else {"picture": clip.picture._asdict()}),
             **({} if request.lens is None else {"lens": request.lens.as_json()}),
         }
@@ -150,7 +152,11 @@ def _parsed(data: JsonObject) -> ClipMotion:
     cuts = [bool(frame["cut"]) for frame in data["frames"]]
     steps = [_step(frame) for frame in data["frames"]]
     interval_s = None if interval_s is None else float(interval_s)
-    return ClipMotion(ratio, scan_direction, height, width, times, motions, cuts, steps, lens, interval_s, picture)
+    slowed = float(data.get("slowed", 1.0))
+    if not 0 < slowed < 1e4:
+        raise ValueError("numbers out of range")
+    clip = scan_direction, height, width, times, motions, cuts, steps, lens, interval_s, picture
+    return ClipMotion(ratio, *clip, slowed=slowed)
 
 
 def _step(frame: JsonObject) -> Step | None:

@@ -130,6 +130,7 @@ class Track:
         (count,) = struct.unpack_from(">I", content, FULL)
         kind = ">Qqi" if content[0] else ">Iii"
         size = struct.calcsize(kind)
+        count = min(count, (len(content) - FULL - 4) // size)
         entries = [struct.unpack_from(kind, content, FULL + 4 + k * size) for k in range(count)]
         return [Edit(length, start, rate / 65_536) for length, start, rate in entries]
 
