@@ -120,10 +120,11 @@ def test_the_fates() -> None:
 
 # ---- further pictures are called what they are ---------------------------------------------------------------
 
+SDR = "gain map (the result is SDR)"
 APPLE = b"<rdf apdi:AuxiliaryImageType='urn:com:apple:photo:2020:aux:hdrgainmap'/>"
 KINDS = [
-    (APPLE, "gain map"),
-    (b"<rdf hdrgm:Version='1.0'/>", "gain map"),
+    (APPLE, SDR),
+    (b"<rdf hdrgm:Version='1.0'/>", SDR),
     (b"<rdf apdi:AuxiliaryImageType='urn:com:apple:photo:2018:aux:portraiteffectsmatte'/>", "mattes"),
     (b"<rdf apdi:AuxiliaryImageType='urn:com:apple:photo:2017:aux:disparity'/>", "depth map"),
     (b"<rdf dc:title='a matter of taste'/>", "further pictures"),
@@ -135,12 +136,10 @@ def test_further_pictures_are_named_by_their_own_metadata(xmp: bytes, name: str)
     further = jpeg_with(drawn(32, 32), (0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp))
     assert names(jpeg_with(drawn()) + further) == [name]
     iso = jpeg_with(drawn(32, 32), (0xE2, b"urn:iso:std:iso:ts:21496:-1\0" + bytes(8)))
-    assert names(jpeg_with(drawn()) + further + iso) == list(dict.fromkeys([name, "gain map"]))
+    assert names(jpeg_with(drawn()) + further + iso) == list(dict.fromkeys([name, SDR]))
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [(0x010001, "preview"), (0x050000, "gain map"), (0x020003, "further pictures")]
-)
+@pytest.mark.parametrize(("kind", "name"), [(0x010001, "preview"), (0x050000, SDR), (0x020003, "further pictures")])
 def test_further_pictures_are_named_by_the_list_of_pictures(kind: int, name: str) -> None:
     further = jpeg_with(drawn(32, 32))
     entries = struct.pack(">IIIHH", 0x030000, 100, 0, 0, 0) + struct.pack(">IIIHH", kind, len(further), 1000, 0, 0)

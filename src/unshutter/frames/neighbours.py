@@ -138,6 +138,7 @@ class Rendering:
     own: Bool[np.ndarray, "height width"]  # mask of those that frame 0 shows
     largest_px: float  # largest displacement of anything in frame 0
     reason: Reason | None = None  # why the frame was left unchanged; None if it was changed
+    grid: SamplingGrid | None = None  # where frame 0 was sampled; None if it was left unchanged
 
 
 def copy_side(height: int, width: int) -> int:
@@ -219,7 +220,7 @@ def render_moment(
     others = [warped[side] for side in links]
     pixels, valid = fuse(warped[0], others, timing, moment, borrow)
     own = seen_mask(grids[0]) if borrow else valid
-    return Rendering(pixels, valid, own, largest_px)
+    return Rendering(pixels, valid, own, largest_px, grid=grids[0])
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:

@@ -30,6 +30,7 @@ from unshutter.options import Edges, check_edges
 from unshutter.storage import files
 
 _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
+_AUXILIARY_BAND = 128  # rows
 _REACH = 3  # px that interpolation reads beyond a position
 
 
@@ -256,6 +257,57 @@ def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
     left, right = (min(max(int(c), 0), width - 1) for c in (extent.left - _REACH, extent.right + _REACH))
     top, bottom = (min(max(int(r), 0), height - 1) for r in (extent.top - _REACH, extent.bottom + _REACH))
     return pixels[top : bottom + 1, left : right + 1], left, top
+
+
+# ---- auxiliary pictures of a photo -----------------------------------------------------------------------------
+
+
+def sampled_auxiliary(
+    pixels: UInt[np.ndarray, "rows columns bands"],
+    grid: SamplingGrid,
+    window: Tile,
+    black_beyond: float | None,
+    nearest: bool = False,
+) -> UInt[np.ndarray, "new_rows new_columns bands"]:
+    """Computes what belongs to a window of a rectified picture in a picture that is stretched over the photo.
+
+    Its scale is kept, to a pixel. It is mirrored where the photo is; where that is black it is 0, from a pixel of its
+    own outside the photo.
+
+    Args:
+        pixels: a picture of any size, such as a gain map.
+        grid: where the rectified picture samples the photo.
+        black_beyond: see :attr:`EdgePolicy.black_beyond`.
+        nearest: whether values are taken from the nearest pixel instead of interpolated.
+    """
+    rows, columns = pixels.shape[:2]
+    down, across = grid.height / rows, grid.width / columns  # px of the photo
+    at_rows = _centres(window.top, window.bottom, down)
+    at_cols = _centres(window.left, window.right, across)
+    result = np.empty((len(at_rows), len(at_cols), pixels.shape[2]), pixels.dtype)
+    for first in range(0, len(at_rows), _AUXILIARY_BAND):
+        band = slice(first, first + _AUXILIARY_BAND)
+        col, row = grid.at(at_rows[band], at_cols)
+        if black_beyond is None:
+            _mirror(col, grid.width - 1)
+            _mirror(row, grid.height - 1)
+        outside = None
+        if black_beyond is not None and math.isfinite(black_beyond):
+            outside = ~Extent.of_picture(grid.height, grid.width, across, down).holds(col, row)
+        col, row = (col + 0.5) / np.float32(across) - 0.5, (row + 0.5) / np.float32(down) - 0.5
+        source, left, top = _cut(pixels, Extent.of(col, row))
+        method = cv2.INTER_NEAREST if nearest else cv2.INTER_CUBIC
+        sampled = cv2.remap(source, col - left, row - top, method, borderMode=cv2.BORDER_REPLICATE)
+        result[band] = sampled.reshape(result[band].shape)
+        if outside is not None:
+            _blacken(result[band], outside, 0)
+    return result
+
+
+def _centres(first: int, last: int, scale: float) -> np.ndarray:
+    """Returns the centres of pixels of about ``scale`` px that fill a side of a window, in its px."""
+    count = max(round((last - first) / scale), 1)
+    return (first + (np.arange(count) + 0.5) * (last - first) / count - 0.5).clip(0)
 
 
 # ---- planes of video frames ------------------------------------------------------------------------------------

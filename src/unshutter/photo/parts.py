@@ -11,6 +11,10 @@ from unshutter.inventory import Fate, Part
 OTHER = "other data"  # what has no name of its own: chunks, segments, tags of other programs
 PICTURES = "further pictures"
 DAMAGED = "damaged"
+GAIN_MAP = "gain map"
+DEPTH_MAP = "depth map"
+MATTES = "mattes"
+AUXILIARY = (GAIN_MAP, DEPTH_MAP, MATTES)  # pictures in the photo's own coordinates
 
 
 class Found(NamedTuple):
@@ -34,9 +38,15 @@ def of_coding(name: str, size: int = 0) -> Found:
     return Found(name, size, otherwise=Fate.REPLACED)
 
 
+def further_picture(name: str, size: int = 0, held: str = "") -> Found:
+    """Returns a part that is a further picture, or belongs to one."""
+    return Found(name, size, held, reason="the result is SDR" if name == GAIN_MAP else "")
+
+
 def without(found: tuple[Found, ...], held: str, name: str, reason: str = "") -> tuple[Found, ...]:
     """Returns the parts where what an attribute holds is left out for a reason: there is at least one of that name."""
-    gone = (part._replace(held="", otherwise=Fate.LEFT_OUT, reason=reason) for part in found if part.held == held)
+    held_parts = (part for part in found if part.held == held)
+    gone = (part._replace(held="", otherwise=Fate.LEFT_OUT, reason=reason or part.reason) for part in held_parts)
     return *(part for part in found if part.held != held), *(list(gone) or [Found(name, reason=reason)])
 
 
@@ -49,9 +59,9 @@ def lost(names: Iterable[str]) -> Iterator[Part]:
 # 23008-12 (auxiliary images), ISO 21496-1 and Adobe (gain maps), Apple's names, Google's depth maps.
 _PURPOSES = (
     (re.compile(rb":auxid:1$|auxiliary:alpha"), ""),  # transparency, which is kept
-    (re.compile(rb"hdr-?gain-?map|hdrgm:|hdr-gain-map|iso:ts:21496"), "gain map"),
-    (re.compile(rb":auxid:2$|auxiliary:depth|aux:(depth|disparity)|gdepth|depthmap"), "depth map"),
-    (re.compile(rb"aux:\w*matte"), "mattes"),
+    (re.compile(rb"hdr-?gain-?map|hdrgm:|hdr-gain-map|iso:ts:21496"), GAIN_MAP),
+    (re.compile(rb":auxid:2$|auxiliary:depth|aux:(depth|disparity)|gdepth|depthmap"), DEPTH_MAP),
+    (re.compile(rb"aux:\w*matte"), MATTES),
 )
 
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, TypeGuard, cast
+from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, cast
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.inventory import Part
 from unshutter.options import MAX_PIXELS, Save
 from unshutter.orientation import Orientation
 from unshutter.photo import attitude, decoder, exif, exposure, readout_times, regions, saving
+from unshutter.photo.arrays import is_pillow, pixels_of
 from unshutter.photo.attitude import Attitude
+from unshutter.photo.auxiliary_pictures import Auxiliaries
 from unshutter.photo.decoder import Decoder, grey_copy, grey_size, read_header
 from unshutter.photo.embedded_video import EmbeddedVideo, embedded_video
 from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, WrittenFormat
@@ -128,12 +129,20 @@ class Photo(FileOutput):
             metadata = Metadata(exif=exif.of_software(software))
         return cls("array", height, width, bands, 1, None, None, Coding(), metadata, pixels)
 
-    def with_pixels(self, pixels: np.ndarray, placement: Placement | None = None) -> Photo:
+    @property
+    def auxiliaries(self) -> Auxiliaries | None:
+        """The auxiliary pictures of the photo, such as its gain map; None if it has none."""
+        return self._metadata.auxiliaries
+
+    def with_pixels(
+        self, pixels: np.ndarray, placement: Placement | None = None, auxiliaries: Auxiliaries | None = None
+    ) -> Photo:
         """Returns a photo with new pixels, possibly of another size, and this one's metadata and format; not copied.
 
         Args:
             placement: where they show what this photo shows: places in the metadata, such as faces, are moved along.
                 By default, pixels of the same size show everything at the same place; others lose these metadata.
+            auxiliaries: the auxiliary pictures that fit these pixels; by default none.
 
         Raises:
             UnshutterError: see :meth:`from_array`.
@@ -143,6 +152,7 @@ class Photo(FileOutput):
         if placement is None and (height, width) != (self.height, self.width):
             placement = Placement((self.height, self.width), (height, width))
         metadata = self._metadata if placement is None else self._metadata.moved(placement)
+        metadata = metadata.with_auxiliaries(auxiliaries)
         return replace(
             self, height=height, width=width, bands=bands, _new_pixels=pixels, _decoder=None, _metadata=metadata
         )
@@ -213,7 +223,7 @@ class Photo(FileOutput):
         if pixels.ndim == 3 and pixels.dtype.itemsize == 2:
             pixels = ((pixels + 128.0) / 257).astype("uint8")
         image = Image.fromarray(pixels)
-        if _is_pillow(self.given):
+        if is_pillow(self.given):
             image.info = dict(self.given.info)
         if self._metadata.exif is not None:
             image.info["exif"] = self._metadata.exif
@@ -375,8 +385,6 @@ class Photo(FileOutput):
 
 
 SMALLEST_SIDE = 64  # px
-_TYPES = "a path, bytes, a file opened in binary mode, an array, a Pillow image or a Photo"
-_PILLOW_MODES = ("L", "LA", "RGB", "RGBA", "I;16")
 
 
 PhotoLike: TypeAlias = "str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO | np.ndarray | Image | Photo"
@@ -400,7 +408,7 @@ def open_photo(argument: PhotoLike, max_pixels: int = MAX_PIXELS) -> Photo:
         if not isinstance(data, bytes):
             raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
         return replace(Photo.from_bytes(data, max_pixels), made_from=made_from)
-    pixels, given = _pixels(argument)
+    pixels, given = pixels_of(argument)
     return replace(Photo.from_array(pixels), given=given, made_from=made_from)
 
 
@@ -417,32 +425,3 @@ def check_size(height: int, width: int, subject: str = "the photo", **files: obj
     if min(height, width) < SMALLEST_SIDE:
         size = f"{width}x{height} px"
         raise UnshutterError(f"{subject} is {size}; both sides must be at least {SMALLEST_SIDE} px", **files)
-
-
-def _is_pillow(argument: object) -> TypeGuard[Image]:
-    """Whether the argument is a Pillow image; if it is, Pillow has been imported already."""
-    module = sys.modules.get("PIL.Image")
-    return module is not None and isinstance(argument, module.Image)
-
-
-def _pixels(argument: object) -> tuple[np.ndarray, np.ndarray | Image]:
-    """Returns uint8 or uint16 pixels of an array or a Pillow image, and that."""
-    import numpy as np
-
-    if _is_pillow(argument):
-        if argument.mode not in _PILLOW_MODES:
-            message = f"a Pillow image of mode {argument.mode} is not supported: convert it first, image.convert('RGB')"
-            raise UnshutterError(message)
-        return np.asarray(argument), argument
-    array = np.asarray(argument)
-    if array.ndim == 0 or array.dtype == object or array.dtype.kind in "SU":
-        raise UnshutterError(f"a photo is {_TYPES}; got {type(argument).__name__}")
-    if array.dtype in (np.uint8, np.uint16):
-        return array, array
-    if array.dtype.kind != "f":
-        allowed = "uint8, uint16, or floating point from 0 to 1"
-        raise UnshutterError(f"a photo needs pixels of type {allowed}, got {array.dtype}")
-    if not (array.size and array.min() >= 0 and array.max() <= 1):  # also raised for NaN
-        raise UnshutterError("pixels in floating point must lie between 0 and 1: scale them first, pixels / 255")
-    scaled = np.multiply(array, 65535, dtype=np.result_type(array, np.float32))  # not float16
-    return np.rint(scaled).astype(np.uint16), array

@@ -184,11 +184,14 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     resources = metadata.resources
     if packet is not None:
         video = metadata.video if "video" in format.holds else None
-        found = (*found, *xmp.lost(packet, video is not None))
+        found = (*found, *xmp.lost(packet, video is not None, metadata.auxiliaries is not None))
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.updated(
-            packet, xmp.NextPicture(image.height, image.width, xmp_orientation, is_new, video and video.place)
+            packet,
+            xmp.NextPicture(
+                image.height, image.width, xmp_orientation, is_new, video and video.place, _lengths(metadata, format)
+            ),
         )
         if packet is None:
             found = without(found, "xmp", "XMP", DAMAGED)
@@ -206,6 +209,13 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
             found += () if exif.has_thumbnail(blob) else (Found("thumbnail"),)
     blob = exif.with_orientation(blob, orientation)
     return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources, found=found)
+
+
+def _lengths(metadata: Metadata, format: WrittenFormat) -> tuple[tuple[str, int], ...]:
+    """Returns name and length [bytes] of each auxiliary picture that will follow the picture."""
+    if metadata.auxiliaries is None or "auxiliaries" not in format.holds:
+        return ()
+    return tuple((each.name, len(each.file)) for each in metadata.auxiliaries.pictures)
 
 
 def _thumbnail(image: pyvips.Image, stated: CodePoints | None) -> bytes:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.parsers import expat
 
-from unshutter.photo.parts import Found
+from unshutter.photo.parts import DEPTH_MAP, GAIN_MAP, Found, further_picture
 
 # Prefixes and their namespaces; packets that use them undeclared are accepted.
 NAMESPACES = {
@@ -220,7 +220,9 @@ _WIDTHS = ("exif:PixelXDimension", "tiff:ImageWidth")
 _HEIGHTS = ("exif:PixelYDimension", "tiff:ImageLength")
 _SMALL_OR_ELSEWHERE = ("xmp:Thumbnails", "xmpNote:HasExtendedXMP")
 _VIDEO = re.compile("GCamera:(MotionPhoto|MicroVideo)")
-_BESIDE = re.compile("(hdrgm|HDRGainMap|GDepth|GImage):")
+_OF_GAIN_MAP = re.compile("(hdrgm|HDRGainMap):")
+_BESIDE = re.compile("(GDepth|GImage):")
+_AUXILIARY = {"GainMap": GAIN_MAP, "Depth": DEPTH_MAP, "DepthMap": DEPTH_MAP}  # names by what a list of contents says
 _DIRECTORY = "Container:Directory"
 _SEMANTIC = "Item:Semantic"
 _LENGTH = "Item:Length"
@@ -243,7 +245,14 @@ class NextPicture(NamedTuple):
     width: int
     orientation: int | None  # EXIF orientation 1-8; None: the packet's own is kept
     is_new: bool  # whether the pixels have changed, so that thumbnails of the old ones are removed
-    video: VideoPlace | None  # of a motion photo, if it still follows the picture; gain maps and the like never do
+    video: VideoPlace | None  # of a motion photo, if it still follows the picture
+    # name and length [bytes] of the auxiliary pictures that follow it
+    auxiliaries: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def has_gain_map(self) -> bool:
+        """Whether a gain map follows it."""
+        return any(name == GAIN_MAP for name, _ in self.auxiliaries)
 
 
 def updated(packet: bytes, picture: NextPicture) -> bytes | None:
@@ -264,8 +273,8 @@ def updated(packet: bytes, picture: NextPicture) -> bytes | None:
             _update(read, attribute, name, picture)
         if element.name == _DIRECTORY and directory is None:
             directory = element
-    if directory is not None and picture.video is not None:
-        _keep_video_alone(read, directory, picture.video)
+    if directory is not None and (picture.video is not None or picture.auxiliaries):
+        _update_contents(read, directory, picture)
     return read.changed()
 
 
@@ -282,23 +291,35 @@ def _update(packet: Packet, thing: Element | Attribute, name: str, picture: Next
         packet.set_number(thing, picture.video.to_end)
     elif (
         _BESIDE.match(name)
+        or (_OF_GAIN_MAP.match(name) and not picture.has_gain_map)
         or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
-        or (picture.video is None and (name == _DIRECTORY or _VIDEO.match(name)))
+        or (picture.video is None and _VIDEO.match(name))
+        or (picture.video is None and not picture.auxiliaries and name == _DIRECTORY)
     ):
         packet.remove(thing)
 
 
-def _keep_video_alone(packet: Packet, directory: Element, video: VideoPlace) -> None:
-    """Reduces the list of the file's contents to picture and video, and updates the video's position."""
-    for item in directory.below():
-        meaning = _value(item, _SEMANTIC)
-        if item.name == "rdf:li" and meaning not in (None, "Primary", "MotionPhoto"):
+def _update_contents(packet: Packet, directory: Element, picture: NextPicture) -> None:
+    """Reduces the list of the file's contents to what follows the picture, and updates lengths and positions."""
+    video = picture.video
+    before_video = 0 if video is None else video.at  # bytes between the end of the last picture and the video
+    left = list(picture.auxiliaries)
+    for item in (element for element in directory.below() if element.name == "rdf:li"):
+        meaning = _text(packet, _property(item, _SEMANTIC)) or "Primary"
+        following = next((each for each in left if each[0] == _AUXILIARY.get(meaning)), None)
+        if meaning != "Primary" and not (meaning == "MotionPhoto" and video is not None) and following is None:
             packet.remove(item)
-        if _PADDING in item.attributes:  # between the end of this item and the next one
-            packet.set_number(item.attributes[_PADDING], video.at if meaning == "Primary" else 0)
-        length = item.attributes.get(_LENGTH)
-        if meaning == "MotionPhoto" and length is not None and length.value != str(video.length):
+            continue
+        length = _property(item, _LENGTH)
+        if following is not None and length is not None:
+            packet.set_number(length, following[1])
+            left.remove(following)
+        elif video is not None and length is not None and packet.text(length) != str(video.length):
             packet.set_number(length, video.to_end)  # Samsung's may extend to the end of the file
+        padding = _property(item, _PADDING)  # between the end of this item and the next one
+        if padding is not None:
+            is_before_video = not left and meaning != "MotionPhoto" and (following or not picture.auxiliaries)
+            packet.set_number(padding, before_video if is_before_video else 0)
 
 
 # ---- further pictures and videos ------------------------------------------------------------------------
@@ -313,17 +334,17 @@ def video_bytes(packet: bytes | None) -> int | None:
         return None
     length = None
     for element in read.root.below():
-        if element.name == "rdf:li" and _value(element, _SEMANTIC) == "MotionPhoto":
-            return _integer(_value(element, _LENGTH))
+        if element.name == "rdf:li" and _text(read, _property(element, _SEMANTIC)) == "MotionPhoto":
+            return _integer(_text(read, _property(element, _LENGTH)))
         if length is None:
             length = _integer(_text_of(read, element, _OLD_VIDEO_LENGTH))
     return length
 
 
-def lost(packet: bytes, has_video: bool) -> Iterator[Found]:
+def lost(packet: bytes, has_video: bool, has_auxiliaries: bool) -> Iterator[Found]:
     """Yields the additional pictures and videos that the packet describes but the next file lacks."""
-    if has_gain_map(packet):
-        yield Found("gain map")
+    if not has_auxiliaries and has_gain_map(packet):
+        yield further_picture(GAIN_MAP)
     if not has_video and video_bytes(packet) is not None:
         yield Found("film")
 
@@ -340,10 +361,21 @@ def _read(packet: bytes) -> Packet | None:
         return None
 
 
-def _value(item: Element, name: str) -> str | None:
-    """Returns the value of an attribute of a list item, or of an element in it."""
-    having = (element for element in (item, *item.children) if name in element.attributes)
-    return next((element.attributes[name].value for element in having), None)
+def _property(item: Element, name: str) -> Element | Attribute | None:
+    """Returns a property of a list item, which is an attribute or an element in it or in its only element."""
+    level = [item]
+    for _ in range(3):
+        for element in level:
+            if name in element.attributes:
+                return element.attributes[name]
+            if element.name == name:
+                return element
+        level = [child for element in level for child in element.children]
+    return None
+
+
+def _text(packet: Packet, thing: Element | Attribute | None) -> str | None:
+    return None if thing is None else packet.text(thing)
 
 
 def _text_of(packet: Packet, element: Element, name: str) -> str | None:

@@ -26,6 +26,7 @@ from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
 from unshutter.photo.placement import Placement
 from unshutter.photo.saving import Encoded, check_result, write_photo
+from unshutter.rectification.auxiliaries import undone_in_auxiliaries
 from unshutter.storage.files import write_file, written_whole
 from unshutter.storage.targets import Target, TargetKind, Written
 
@@ -186,7 +187,8 @@ def render(photo: Photo, verdict: Verdict, edges: Edges = "auto") -> Rectified:
     if not verdict.changes:
         return Rectified(photo, photo, verdict)
     pixels, decision = straighten(photo.pixels, verdict.motion, edges, photo.masked, verdict.upright)
-    rectified = photo.with_pixels(pixels, placement(photo, verdict, decision.window))
+    auxiliaries = undone_in_auxiliaries(photo, verdict, decision.edges, decision.window)
+    rectified = photo.with_pixels(pixels, placement(photo, verdict, decision.window), auxiliaries)
     return Rectified(rectified, photo, verdict, decision.edges, decision.area_left)
 
 

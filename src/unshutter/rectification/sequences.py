@@ -5,8 +5,9 @@ What the photo itself did not see is taken from its neighbours where they saw it
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
 from itertools import chain, islice, pairwise
 from typing import Literal
 
@@ -28,10 +29,12 @@ from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours
 from unshutter.options.fields import for_python, from_keywords
 from unshutter.orientation import ScanDirection
 from unshutter.photo import Photo
+from unshutter.photo.auxiliary_pictures import Auxiliaries
 from unshutter.photo.photo import PhotoLike, files_behind, open_photo
 from unshutter.photo.placement import Placement
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
 from unshutter.reasons import Cause, MotionSource
+from unshutter.rectification.auxiliaries import sampled_auxiliaries, undone_in_auxiliaries
 from unshutter.rectification.borrowing import borrow
 from unshutter.rectification.find import find
 from unshutter.rectification.rectified import Rectified, Result, placement, render
@@ -142,7 +145,9 @@ def rectify_densely(
     if picture.reason:
         return RectifiedFrame(current.photo, current.photo, Verdict(no_single_motion, 0.0, picture.reason), valid=valid)
     verdict = Verdict(no_single_motion, picture.largest_px)
-    return _framed(current.photo, verdict, pixels, valid, own, options, "dense")
+    assert picture.grid is not None
+    warp_auxiliaries = partial(sampled_auxiliaries, current.photo, picture.grid, options.scan_direction)
+    return _framed(current.photo, verdict, pixels, valid, own, options, "dense", warp_auxiliaries)
 
 
 def _framed(
@@ -153,12 +158,14 @@ def _framed(
     own: np.ndarray,
     options: SequenceOptions,
     model: Model,
+    warp_auxiliaries: Callable[[Edges, Tile], Auxiliaries | None],
 ) -> RectifiedFrame:
     """Returns the result with its edges handled.
 
     Args:
         valid: bool [H, W], what was seen by any frame that pixels were taken from.
         own: bool [H, W], what the photo itself saw.
+        warp_auxiliaries: how edges were handled, and the part of the picture that is kept -> its auxiliary pictures.
     """
     asked = options.undo.edges
     edges, window, whole = EdgePolicy(asked).decide(valid.shape, lambda: valid_window(valid, any_shape=True))
@@ -171,7 +178,8 @@ def _framed(
         whole_frame = window
     size = photo.height, photo.width
     shown = Placement(size, pixels.shape[:2]) if model == "dense" else placement(photo, verdict, whole_frame)
-    return RectifiedFrame(photo.with_pixels(pixels, shown), photo, verdict, edges, whole, valid=valid, model=model)
+    rectified = photo.with_pixels(pixels, shown, warp_auxiliaries(edges, whole_frame))
+    return RectifiedFrame(rectified, photo, verdict, edges, whole, valid=valid, model=model)
 
 
 # ---- a sequence, and one photo with its neighbours -----------------------------------------------------------------
@@ -360,7 +368,8 @@ def rectify_by_camera(
         lenders = {side: pixels_like(frame, photo) for side, frame in neighbours.items()}
         borrowed = borrow(photo, verdict.motion, motion, lenders)
         if borrowed is not None:
-            return _framed(photo, verdict, *borrowed, options, "camera")
+            warp_auxiliaries = partial(undone_in_auxiliaries, photo, verdict)
+            return _framed(photo, verdict, *borrowed, options, "camera", warp_auxiliaries)
     return _rendered(photo, verdict, options, "camera")
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, BinaryIO, final
 from unshutter.errors import UnshutterError
 from unshutter.inventory import Fate
 from unshutter.photo import chunks, exif, xmp
+from unshutter.photo.auxiliary_pictures import ISO_PREFIX, LIST_PREFIX, Auxiliaries, AuxiliaryPicture, StoredJpeg
 from unshutter.photo.chunks import (
     APP0,
     APP1,
@@ -35,7 +36,17 @@ from unshutter.photo.embedded_video import appended_video
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source
-from unshutter.photo.parts import OTHER, PICTURES, Found, of_coding, purpose
+from unshutter.photo.parts import (
+    AUXILIARY,
+    DEPTH_MAP,
+    GAIN_MAP,
+    OTHER,
+    PICTURES,
+    Found,
+    further_picture,
+    of_coding,
+    purpose,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +64,6 @@ _LUMINANCE = (
 
 _JFIF = b"JFIF\0"
 _LONGEST_XMP_BY_LIBVIPS = 60_000  # bytes; it leaves out longer ones
-_PICTURES = b"MPF\0"
 _FIRST_ONLY = ("exif", "xmp")  # attributes that hold one segment
 # Segments whose content is known: marker, first bytes, name, attribute of ``Metadata`` that holds it, fate otherwise.
 _SEGMENTS = (
@@ -64,8 +74,8 @@ _SEGMENTS = (
     (APP1, XMP_PREFIX, "XMP", "xmp", Fate.LEFT_OUT),
     (APP1, b"http://ns.adobe.com/xmp/extension/\0", "XMP (beyond the first 64 kB)", "", Fate.LEFT_OUT),
     (APP2, b"ICC_PROFILE\0", "colour profile", "icc", Fate.LEFT_OUT),
-    (APP2, _PICTURES, "list of pictures", "", Fate.REPLACED),
-    (APP2, b"urn:iso:std:iso:ts:21496", "gain map", "", Fate.LEFT_OUT),
+    (APP2, LIST_PREFIX, "list of pictures", "", Fate.REPLACED),
+    (APP2, ISO_PREFIX, GAIN_MAP, "auxiliaries", Fate.LEFT_OUT),
     (APP11, b"JP", "content credentials", "", Fate.LEFT_OUT),
     (APP13, chunks.RESOURCES_PREFIX, "IPTC", "resources", Fate.LEFT_OUT),
     (APP14, b"Adobe", "coding", "", Fate.REPLACED),
@@ -73,7 +83,7 @@ _SEGMENTS = (
 )
 _APPLICATION = range(APP0, APP0 + 16)
 _MP_ENTRIES = 0xB002  # tag with kind, length and start of each picture
-_MP_KINDS = {0x010001: "preview", 0x010002: "preview", 0x020002: "depth map", 0x050000: "gain map"}
+_MP_KINDS = {0x010001: "preview", 0x010002: "preview", 0x020002: DEPTH_MAP, 0x050000: GAIN_MAP}
 _LONGEST_HEAD = 1 << 20  # bytes in which the kind of a further picture is looked for
 
 
@@ -88,14 +98,14 @@ class Jpeg(WrittenFormat):
     deep = False
     grey = True
     alpha = False
-    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "video"})
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "video", "auxiliaries"})
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
         image = picture_format.open_image(self, source)
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = _with_segments(picture_format.metadata_of(image), stream).without_exif_loop()
+            metadata = _with_segments(picture_format.metadata_of(image), source, stream).without_exif_loop()
         return picture_format.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -148,10 +158,15 @@ class Jpeg(WrittenFormat):
         elif metadata.jfif_density is not None:
             density = struct.pack(">BHH", *metadata.jfif_density)
             added = chunks.encoded_segment(APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
+        if metadata.auxiliaries is not None:
+            added += b"".join(chunks.encoded_segment(APP2, each) for each in metadata.auxiliaries.segments)
+            added += metadata.auxiliaries.listed(at + len(added), file.seek(0, io.SEEK_END) + len(added))
         if added:
             insert(file, at, added)
+        file.seek(0, io.SEEK_END)
+        for each in metadata.auxiliaries.pictures if metadata.auxiliaries is not None else ():
+            file.write(each.file)
         if metadata.video is not None:
-            file.seek(0, io.SEEK_END)
             file.write(metadata.video.data)
         return left_out
 
@@ -159,11 +174,11 @@ class Jpeg(WrittenFormat):
 # ---- metadata ------------------------------------------------------------------------------------------
 
 
-def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
+def _with_segments(metadata: Metadata, source: Source, file: BinaryIO) -> Metadata:
     """Completes the metadata that libvips found in a JPEG with those that it loses or truncates, and lists its parts.
 
     These are EXIF (which libvips takes apart), XMP (of which it may take the extension), density, comments, Photoshop's
-    resources in several segments, and the video of a motion photo.
+    resources in several segments, and the video and the auxiliary pictures behind the picture.
     """
     listed: list[tuple[int, bytes, int]] = []  # marker, content, bytes of the segment
     at = 2
@@ -184,10 +199,25 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
         comments=tuple(content for marker, content, _ in listed if marker == COMMENT),
         video=video,
     )
-    found = [*_segments(listed, metadata), *_pictures_behind(file, listed, metadata)]
+    behind = list(_pictures_behind(file, listed, metadata))
+    metadata = replace(metadata, auxiliaries=_auxiliaries(source, behind, listed))
+    found = [*_segments(listed, metadata), *(part for part, _ in behind)]
     if video is not None:
         found += [Found("film", video.taken_from, "video"), *map(Found, video.left_behind)]
     return replace(metadata, found=tuple(found))
+
+
+def _auxiliaries(
+    source: Source, behind: list[tuple[Found, int]], listed: list[tuple[int, bytes, int]]
+) -> Auxiliaries | None:
+    """Returns the auxiliary pictures among the parts behind the picture, given with their positions."""
+    pictures = [AuxiliaryPicture(part.name, StoredJpeg(source, at, part.size)) for part, at in behind if part.held]
+    if not pictures:
+        return None
+    lists = _beginning(listed, APP2, LIST_PREFIX)
+    order = "" if not lists else "<" if lists[0].startswith(LIST_PREFIX + b"II") else ">"
+    has_gain_map = any(each.name == GAIN_MAP for each in pictures)
+    return Auxiliaries(tuple(pictures), tuple(_beginning(listed, APP2, ISO_PREFIX)) if has_gain_map else (), order)
 
 
 def _beginning(listed: list[tuple[int, bytes, int]], marker: int, prefix: bytes) -> list[bytes]:
@@ -208,6 +238,9 @@ def _segments(listed: list[tuple[int, bytes, int]], metadata: Metadata) -> Itera
             yield Found(OTHER, size)
         elif held == "resolution":
             yield picture_format.resolution_part(metadata, size)
+        elif held == "auxiliaries":
+            is_kept = metadata.auxiliaries is not None and bool(metadata.auxiliaries.segments)
+            yield further_picture(name, size, held if is_kept else "")
         elif held == "resources":
             yield picture_format.resources_part(metadata.resources, size)
         else:
@@ -215,30 +248,36 @@ def _segments(listed: list[tuple[int, bytes, int]], metadata: Metadata) -> Itera
         seen.add(held)
 
 
-def _pictures_behind(file: BinaryIO, listed: list[tuple[int, bytes, int]], metadata: Metadata) -> Iterator[Found]:
-    """Yields a part for each further picture, and one for other data behind the picture."""
+def _pictures_behind(
+    file: BinaryIO, listed: list[tuple[int, bytes, int]], metadata: Metadata
+) -> Iterator[tuple[Found, int]]:
+    """Yields a part for each further picture, and one for other data behind the picture, with their positions.
+
+    Auxiliary pictures are those whose own metadata say what they show.
+    """
     kinds = _kinds_by_size(listed)
-    is_listed = bool(_beginning(listed, APP2, _PICTURES))
-    usual = "gain map" if xmp.has_gain_map(metadata.xmp) else PICTURES if is_listed else None
+    is_listed = bool(_beginning(listed, APP2, LIST_PREFIX))
+    usual = GAIN_MAP if xmp.has_gain_map(metadata.xmp) else PICTURES if is_listed else None
     end = file.seek(0, io.SEEK_END) - (metadata.video.taken_from if metadata.video else 0)
     pieces = list(chunks.pieces_behind(file, end))
     for at, size in pieces:
         file.seek(at)
         if file.read(3) == b"\xff\xd8\xff":
             head = (content for _, content in before_the_scan(file, (APP1, APP2), at))
-            name = purpose(b"".join(head)[:_LONGEST_HEAD]) or kinds.get(size) or usual or PICTURES
+            own = purpose(b"".join(head)[:_LONGEST_HEAD])
+            name = own or kinds.get(size) or usual or PICTURES
+            yield further_picture(name, size, "auxiliaries" if own in AUXILIARY else ""), at
         else:
-            name = usual or OTHER
-        yield Found(name, size)
+            yield further_picture(usual or OTHER, size), at
     if not pieces and usual:
-        yield Found(usual)
+        yield further_picture(usual), 0
 
 
 def _kinds_by_size(listed: list[tuple[int, bytes, int]]) -> dict[int, str]:
     """Names the further pictures in the list of pictures, by their length."""
     kinds = {}
-    for content in _beginning(listed, APP2, _PICTURES):
-        tree = read_tree(io.BytesIO(content.removeprefix(_PICTURES)), most_pages=1)
+    for content in _beginning(listed, APP2, LIST_PREFIX):
+        tree = read_tree(io.BytesIO(content.removeprefix(LIST_PREFIX)), most_pages=1)
         entries = tree.data(_MP_ENTRIES) or b"" if tree else b""
         for at in range(0, len(entries) - 15, 16):
             kind, size = struct.unpack_from((tree.order if tree else "<") + "II", entries, at)

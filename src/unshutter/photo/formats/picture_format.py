@@ -18,6 +18,7 @@ from unshutter.options.picture_formats import FormatRow
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif, regions
 from unshutter.photo import resources as image_resources
+from unshutter.photo.auxiliary_pictures import Auxiliaries
 from unshutter.photo.code_points import CodePoints
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import AppendedVideo
@@ -61,6 +62,7 @@ class Metadata:
     density: tuple[int, int, int] | None = None
     comments: tuple[bytes, ...] = ()  # comments of a JPEG
     video: AppendedVideo | None = None  # of a motion photo, with all other data that follow the picture in its JPEG
+    auxiliaries: Auxiliaries | None = None  # gain map, depth map, mattes
     found: tuple[Found, ...] = ()  # the parts of its file
     moved_in: frozenset[str] = frozenset()  # attributes in which places were moved or removed
 
@@ -88,6 +90,19 @@ class Metadata:
         now = {"exif": blob, "xmp": packet, "resources": resources}
         moved_in = frozenset(name for name, value in now.items() if value != getattr(self, name))
         return replace(self, **now, found=(*self.found, *gone), moved_in=moved_in)
+
+    def with_auxiliaries(self, auxiliaries: Auxiliaries | None) -> Metadata:
+        """Returns the metadata for new pixels, given the auxiliary pictures that fit them."""
+        if self.auxiliaries is None:
+            return self
+        left = set() if auxiliaries is None else {each.name for each in auxiliaries.pictures}
+        gone = {each.name for each in self.auxiliaries.pictures} - left
+        found = (
+            part._replace(held="") if part.held == "auxiliaries" and part.name in gone else part for part in self.found
+        )
+        return replace(
+            self, auxiliaries=auxiliaries, found=tuple(found), moved_in=self.moved_in | frozenset({"auxiliaries"})
+        )
 
     def without_exif_loop(self) -> Metadata:
         """Returns the metadata; EXIF whose directories contain a loop is rewritten, or left out if it cannot be."""

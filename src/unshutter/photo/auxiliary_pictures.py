@@ -1,0 +1,155 @@
+"""Auxiliary pictures: gain maps, depth maps and mattes, which show what the photo shows at a scale of their own.
+
+Their pixels are decoded only when a result is rendered, and their metadata are kept byte for byte: they say what the
+numbers mean. In a JPEG they are complete JPEGs behind the picture, which several lists name: CIPA's (MPF), Google's in
+XMP, or both. A gain map (Adobe's and Google's, ISO's, Apple's) turns the SDR picture into an HDR one.
+
+Source: CIPA DC-007 (MPF); Google, Ultra HDR image format 1.1; ISO 21496-1; Apple, Applying Apple HDR effect to your
+photos.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from unshutter.errors import UnshutterError
+from unshutter.photo import exif
+from unshutter.photo.chunks import APP0, APP1, APP2, APP14, COMMENT, before_the_scan, encoded_segment
+from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.libvips import Source, as_image, computed, refusing
+from unshutter.photo.parts import DEPTH_MAP
+
+if TYPE_CHECKING:
+    import numpy as np
+
+LIST_PREFIX = b"MPF\0"
+ISO_PREFIX = b"urn:iso:std:iso:ts:21496"  # of the segment that says that there is a gain map, or what it means
+_QUALITY = 95  # of results, at least: an error of a hundredth of a stop
+# markers of its metadata; APP14 describes its coding
+_KEPT = (*(marker for marker in range(APP0, APP0 + 16) if marker != APP14), COMMENT)
+_FIRST, _UNDEFINED = 0x030000, 0  # kinds of pictures in CIPA's list
+_LIST_VERSION, _COUNT, _ENTRIES = 0xB000, 0xB001, 0xB002  # its tags
+
+
+class Stored(Protocol):
+    """An auxiliary picture in the file of its photo."""
+
+    def segments(self) -> list[tuple[int, bytes]]:
+        """Returns its metadata as segments of a JPEG: marker and content."""
+        ...
+
+    def pixels(self, height: int, width: int) -> np.ndarray:
+        """Decodes it: [h, w, bands] uint8, not larger than its photo of height x width; raises UnshutterError."""
+        ...
+
+    def file(self) -> bytes | None:
+        """Returns its own JPEG as it is stored; None if it is stored in another format."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class AuxiliaryPicture:
+    """A picture in the photo's own coordinates, stretched over it."""
+
+    name: str  # for people, and for its kind: gain map, depth map, mattes
+    stored: Stored
+    new_pixels: np.ndarray | None = None  # [h, w, bands] uint8 of a result; None: as it is stored
+
+    @property
+    def is_nearest(self) -> bool:
+        """Whether its values must not be mixed: there is nothing between near and far."""
+        return self.name == DEPTH_MAP
+
+    @cached_property
+    def file(self) -> bytes:
+        """The picture as a JPEG with its metadata."""
+        stored = self.stored.file()
+        if self.new_pixels is None and stored is not None:
+            return stored
+        assert self.new_pixels is not None
+        height, width = self.new_pixels.shape[:2]
+        with refusing("cannot encode the " + self.name):
+            coded = as_image(self.new_pixels).jpegsave_buffer(Q=_QUALITY, subsample_mode="off", keep=0)
+        metadata = b"".join(
+            encoded_segment(marker, exif.with_size(content, height, width) if _is_exif(marker, content) else content)
+            for marker, content in self.stored.segments()
+        )
+        return coded[:2] + metadata + coded[2:]
+
+
+def _is_exif(marker: int, content: bytes) -> bool:
+    return marker == APP1 and content.startswith(EXIF_PREFIX)
+
+
+@dataclass(frozen=True)
+class Auxiliaries:
+    """The auxiliary pictures of a photo, and how its file lists them."""
+
+    pictures: tuple[AuxiliaryPicture, ...]
+    segments: tuple[bytes, ...] = ()  # contents of APP2 of the photo that say that there is a gain map (ISO)
+    list_order: str = ""  # byte order of CIPA's list, as for struct; empty if there is none
+
+    def rendered(self, new_pixels: Sequence[np.ndarray | None]) -> Auxiliaries | None:
+        """Returns those of a result, given their pixels or None; None if none is left."""
+        pairs = zip(self.pictures, new_pixels, strict=True)
+        pictures = tuple(replace(each, new_pixels=new) for each, new in pairs if new is not None)
+        return replace(self, pictures=pictures) if pictures else None
+
+    def listed(self, at: int, length: int) -> bytes:
+        """Returns CIPA's list as a segment at a position in the photo, which has a length without it [bytes]."""
+        if not self.list_order:
+            return b""
+        order = self.list_order
+        files = [each.file for each in self.pictures]
+        entries_at = 8 + 2 + 3 * 12 + 4
+        size = 4 + len(LIST_PREFIX) + entries_at + 16 * (1 + len(files))
+        entries = [(_FIRST, length + size, 0)]
+        start = length + size - (at + 4 + len(LIST_PREFIX))  # counted from the list's own byte order
+        for file in files:
+            entries.append((_UNDEFINED, len(file), start))
+            start += len(file)
+        table = b"".join(struct.pack(order + "IIIHH", *entry, 0, 0) for entry in entries)
+        head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "IH", 8, 3)
+        head += struct.pack(order + "HHI4s", _LIST_VERSION, 7, 4, b"0100")
+        head += struct.pack(order + "HHII", _COUNT, 4, 1, len(entries))
+        head += struct.pack(order + "HHIII", _ENTRIES, 7, len(table), entries_at, 0)
+        return encoded_segment(APP2, LIST_PREFIX + head + table)
+
+
+class StoredJpeg(NamedTuple):
+    """An auxiliary picture that is a JPEG in the file of its photo."""
+
+    source: Source
+    at: int
+    length: int
+
+    def file(self) -> bytes:
+        """See Stored."""
+        try:
+            with self.source.unchanged(), self.source.stream() as stream:
+                stream.seek(self.at)
+                return stream.read(self.length)
+        except OSError as error:
+            raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=self.source) from None
+
+    def segments(self) -> list[tuple[int, bytes]]:
+        """See Stored."""
+        return list(before_the_scan(io.BytesIO(self.file()), _KEPT))
+
+    def pixels(self, height: int, width: int) -> np.ndarray:
+        """See Stored."""
+        return decoded(Source(self.file()), "jpegload", height, width)
+
+
+def decoded(source: Source, loader: str, height: int, width: int) -> np.ndarray:
+    """Decodes an auxiliary picture, see Stored."""
+    with refusing("the auxiliary picture is damaged"):
+        image = source.load(loader, access="sequential", fail_on="warning")
+        if image.height > height or image.width > width or image.format != "uchar" or image.bands not in (1, 3):
+            raise UnshutterError("the auxiliary picture is unusual")
+        return computed(image)

@@ -1,0 +1,203 @@
+"""HDR photos stay HDR: their gain maps are warped as the pixels are, and are found again where they were."""
+
+import cv2
+import numpy as np
+import pytest
+import pyvips
+
+import unshutter
+from support.covering import covering
+from support.drawn_photos import encoded
+from support.frame_pairs import Scene
+from support.gain_maps import (
+    ISO,
+    OF_MAP,
+    STOPS,
+    XMP_PREFIX,
+    hdr_photo,
+    light_of,
+    pictures_of,
+    pixels_of,
+    segment,
+    segments_of,
+    with_segments,
+)
+from support.motion_photos import VIDEO
+from unshutter import Photo, RowMotion, rectify
+from unshutter.inventory import Fate
+from unshutter.motion.warp import straighten
+from unshutter.options import Save
+from unshutter.photo.formats import WRITTEN
+from unshutter.photo.saving import encode_with_parts
+
+HEIGHT, WIDTH = 240, 320
+MOTION = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], HEIGHT, WIDTH)
+SDR = ("gain map (the result is SDR)",)
+APPLE = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    b'<rdf:Description xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/" '
+    b'xmlns:HDRGainMap="http://ns.apple.com/HDRGainMap/1.0/" HDRGainMap:HDRGainMapVersion="131072" '
+    b'apdi:AuxiliaryImageType="urn:com:apple:photo:2020:aux:hdrgainmap"/></rdf:RDF></x:xmpmeta>'
+)
+DEPTH = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/" xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/">'
+    b"<apdi:AuxiliaryImageType>urn:com:apple:photo:2017:aux:depth</apdi:AuxiliaryImageType></x:xmpmeta>"
+)
+
+
+def in_stops(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """By how many stops luminance differs, inside the picture: the outermost pixels depend on how a map is enlarged."""
+    light = [np.maximum(each @ [0.2126, 0.7152, 0.0722], 0.01) for each in (one, other)]
+    return np.abs(np.log2(light[0] / light[1]))[6:-6, 6:-6]
+
+
+def warped_light(data: bytes, motion: RowMotion, edges: str) -> np.ndarray:
+    """The light of a photo, warped as a plain picture of 16 bits."""
+    light = light_of(data)
+    plain = np.round((light / light.max()) ** (1 / 2.4) * 65535).astype(np.uint16)
+    return (straighten(plain, motion, edges)[0] / 65535) ** 2.4 * light.max()
+
+
+@pytest.mark.parametrize(
+    ("map_size", "bands", "order", "edges", "readout"),
+    covering(
+        [(60, 80), (240, 320), (120, 160), (64, 64)],
+        [1, 3],
+        [">", "<"],
+        ["crop", "keep", "fill"],
+        ["top-to-bottom", "left-to-right"],
+    ),
+)
+def test_the_light_is_that_of_a_plain_hdr_picture(map_size, bands, order, edges, readout) -> None:
+    data = hdr_photo(HEIGHT, WIDTH, map_size, bands, order)
+    size = (HEIGHT, WIDTH) if readout == "top-to-bottom" else (WIDTH, HEIGHT)
+    motion = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], *size, scan_direction=unshutter.ScanDirection(readout))
+    result = rectify(data, motion=motion, edges=edges)
+    file = result.encode()
+    assert file.left_out == ()
+    off = in_stops(light_of(file.data), warped_light(data, motion, edges))
+    if edges == "keep":
+        off = off[result.valid[6:-6, 6:-6]]
+    assert off.mean() < 0.03 and np.percentile(off, 99) < 0.25  # 0.1 and 0.8 are allowed
+    old, new = (pictures_of(each)[1] for each in (data, file.data))
+    assert segments_of(old) == segments_of(new)
+    picture = pixels_of(new)
+    assert picture.shape[2:] == (() if bands == 1 else (3,))
+    scale = np.array(picture.shape[:2]) / pixels_of(file.data).shape[:2]
+    assert np.allclose(scale, np.array(map_size) / (HEIGHT, WIDTH), rtol=0.02)
+    assert file.data[file.data.index(b"MPF\0") + 4 :][:1] == {">": b"M", "<": b"I"}[order]
+
+
+def test_other_readers_find_it() -> None:
+    result = rectify(hdr_photo(), motion=MOTION, edges="crop").bytes
+    assert ISO + bytes(4) in segments_of(result)
+    result = rectify(hdr_photo(iso=b""), motion=MOTION, edges="crop").bytes
+    first, second = pictures_of(result)
+    assert result == first + second and second.endswith(b"\xff\xd9")
+    assert b'Item:Length="%d"' % len(second) in first and b'hdrgm:Version="1.0"' in first
+    assert XMP_PREFIX + OF_MAP in segments_of(second)
+    if pyvips.type_find("VipsOperation", "uhdrload_buffer"):
+        found = pyvips.Image.uhdrload_buffer(result)
+        assert found.get("gainmap-data") == second
+        light = found.uhdr2scRGB().numpy()
+        assert in_stops(light, light_of(result)).mean() < 0.02
+
+
+def test_where_the_photo_shows_nothing_nothing_glows() -> None:
+    result = rectify(hdr_photo(), motion=MOTION, edges="keep")
+    gain = pixels_of(pictures_of(result.bytes)[1])
+    outside = ~result.valid.reshape(60, 4, 80, 4).any(axis=(1, 3))
+    deep = outside & np.roll(outside, 2, axis=1) & np.roll(outside, -2, axis=1)
+    assert deep.any() and gain[deep].max() < 8
+
+
+def test_a_photo_left_unchanged_keeps_the_map_byte_for_byte() -> None:
+    data = hdr_photo()
+    result = Photo.from_bytes(data).to_bytes(quality=80)
+    assert pictures_of(result)[1] == pictures_of(data)[1]
+    halved = rectify(data, motion=MOTION, edges="keep", strength=0.5)
+    assert (
+        in_stops(light_of(halved.bytes), warped_light(data, halved.motion, "keep"))[halved.valid[6:-6, 6:-6]].mean()
+        < 0.03
+    )
+
+
+def test_the_inventory_names_its_fate_and_other_formats_say_what_is_lost() -> None:
+    result = rectify(hdr_photo(), motion=MOTION, edges="crop")
+    for format, fate in (("jpeg", Fate.TRANSFORMED), ("png", Fate.LEFT_OUT)):
+        data, parts = encode_with_parts(result.photo, WRITTEN[format], Save())
+        fates = [part.fate for part in parts if part.name == "gain map"]
+        assert fates and set(fates) <= {fate, Fate.CARRIED} and fate in fates
+        assert (b"hdrgm:Version=" in data, b"Container:Directory" in data) == (format == "jpeg", format == "jpeg")
+    assert result.encode("png").left_out == result.encode("avif").left_out == SDR
+    assert Photo.from_bytes(result.encode("png").data).encode().left_out == ()
+
+
+@pytest.mark.parametrize("of_map", [b"\xff\xd8\xff\xe1\0\x04ab\xff\xd9", None])
+def test_a_damaged_map_costs_only_the_map(of_map: bytes | None) -> None:
+    data = hdr_photo()
+    base, gain_map = pictures_of(data)
+    if of_map is None:  # larger than the photo
+        large = encoded(np.zeros((HEIGHT + 1, WIDTH), np.uint8), "JPEG")
+        of_map = with_segments(large, segment(0xE1, XMP_PREFIX + OF_MAP))
+    else:
+        of_map = gain_map[: len(gain_map) // 2] + b"\xff\xd9"
+    file = rectify(base + of_map, motion=MOTION, edges="crop").encode()
+    assert file.left_out == SDR and b"hdrgm:Version=" not in file.data and b"MPF\0" not in file.data
+
+
+def test_apples_map_has_no_entry_in_xmp_and_keeps_its_own_metadata() -> None:
+    data = hdr_photo(of_map=APPLE)
+    base, gain_map = pictures_of(data)
+    plain = Photo.from_bytes(data.replace(segments_of(base)[1], bytes(len(segments_of(base)[1]))))
+    result = rectify(plain, motion=MOTION, edges="crop").encode()
+    new = pictures_of(result.data)[1]
+    assert "gain map" not in " ".join(result.left_out) and XMP_PREFIX + APPLE in segments_of(new)
+    assert segments_of(new) == segments_of(gain_map)
+
+
+def test_a_depth_map_is_warped_without_mixing_near_and_far() -> None:
+    depths = np.where(np.mgrid[0:60, 0:80][1] < 40, 40, 200).astype(np.uint8)
+    depth = with_segments(encoded(depths, "JPEG", quality=100), segment(0xE1, XMP_PREFIX + DEPTH))
+    data = hdr_photo(depth=depth)
+    file = rectify(data, motion=MOTION, edges="fill").encode()
+    assert file.left_out == ()
+    _, _, new = pictures_of(file.data)
+    assert segments_of(new) == segments_of(depth)
+    values = pixels_of(new)
+    border = (values < 120).sum(axis=1)
+    shift = MOTION.tx_px[np.arange(60) * 4] / 4
+    assert np.abs(np.diff(border) - np.diff(np.round(border[0] + np.abs(shift - shift[0])))).mean() < 1
+    assert ((values > 60) & (values < 180)).mean() < 0.01
+    assert "depth map" in " ".join(rectify(data, motion=MOTION, edges="fill").encode("webp").left_out)
+
+
+def test_a_motion_photos_map_comes_before_its_video() -> None:
+    item = b'<rdf:li rdf:parseType="Resource"><Container:Item Item:Mime="image/jpeg" Item:Semantic="Primary"/></rdf:li>'
+    data = hdr_photo()
+    base = pictures_of(data)[0]
+    more = item.replace(b"image/jpeg", b"video/mp4").replace(
+        b'"Primary"', b'"MotionPhoto" Item:Length="%d"' % len(VIDEO)
+    )
+    old = segments_of(base)[1]
+    new = old.replace(b"</rdf:Seq>", more + b"</rdf:Seq>")
+    data = base.replace(segment(0xE1, old), segment(0xE1, new)) + data[len(base) :] + VIDEO
+    file = rectify(data, motion=MOTION, edges="crop").encode()
+    gain_map = file.data[: -len(VIDEO)]
+    gain_map = gain_map[gain_map.rindex(b"\xff\xd8\xff") :]
+    assert file.left_out == () and file.data.endswith(VIDEO) and OF_MAP in gain_map
+    assert b'Item:Length="%d"' % len(gain_map) in file.data and b'Item:Length="%d"' % len(VIDEO) in file.data
+
+
+def test_frames_of_a_sequence_keep_their_maps() -> None:
+    seen = Scene(speed=(20, 3))
+    frames = [seen.frame(number, 0.8) for number in range(3)]
+    size = frames[0].shape[0] // 4, frames[0].shape[1] // 4
+    photos = [hdr_photo(*each.shape[:2], size, picture=(each, each[..., 1] / 255 * STOPS)) for each in frames]
+    for model, edges in (("camera", "auto"), ("dense", "crop")):
+        result = list(unshutter.rectify_frames(photos, readout_ratio=0.8, model=model, edges=edges))[1]
+        file = result.encode()
+        assert result.changed and result.model == model and file.left_out == ()
+        base, gain = (pixels_of(each) for each in pictures_of(file.data))  # the map is a copy of the picture
+        small = cv2.resize(base[..., 1], gain.shape[::-1], interpolation=cv2.INTER_AREA)
+        assert np.abs(small.astype(float) - gain)[4:-4, 8:-8].mean() < 3

@@ -1,0 +1,124 @@
+"""HDR photos of our own: a JPEG with a gain map behind it, as phones write them, and their light."""
+
+import struct
+
+import cv2
+import numpy as np
+
+from support.drawn_photos import encoded
+from support.motion_photos import packet
+from support.tagged_files import exif_blob
+
+STOPS = 3.0  # by which the brightest pixels of a map are brighter in HDR
+ISO = b"urn:iso:std:iso:ts:21496:-1\0"
+XMP_PREFIX = b"http://ns.adobe.com/xap/1.0/\0"
+OF_MAP = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    b'<rdf:Description xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" hdrgm:Version="1.0" hdrgm:GainMapMin="0" '
+    b'hdrgm:GainMapMax="%g" hdrgm:Gamma="1" hdrgm:OffsetSDR="0" hdrgm:OffsetHDR="0" hdrgm:HDRCapacityMin="0" '
+    b'hdrgm:HDRCapacityMax="%g" hdrgm:BaseRenditionIsHDR="False"/></rdf:RDF></x:xmpmeta>' % (STOPS, STOPS)
+)
+
+
+def segment(marker: int, content: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
+
+
+def scene(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """The SDR picture [H, W, 3] and the gain [H, W] of its light in stops: lamps before a wall with stripes."""
+    row, col = np.mgrid[0:height, 0:width] / min(height, width)
+    wall = 0.35 + 0.25 * np.sin(9 * col + 4 * row)
+    lamps = sum(np.exp(-((row - y) ** 2 + (col - x) ** 2) / 0.01) for y, x in ((0.3, 0.35), (0.6, 0.8), (0.8, 0.2)))
+    grey = np.clip(wall + lamps, 0, 1)
+    picture = np.stack([grey, grey**1.2, grey**0.9], axis=-1)
+    return np.round(255 * picture).astype(np.uint8), STOPS * np.clip(lamps, 0, 1)
+
+
+def hdr_photo(
+    height: int = 240,
+    width: int = 320,
+    map_size: tuple[int, int] = (60, 80),
+    bands: int = 1,
+    order: str = ">",
+    of_map: bytes = OF_MAP,
+    depth: bytes = b"",
+    iso: bytes = bytes(range(60)),
+    picture: tuple[np.ndarray, np.ndarray] | None = None,
+) -> bytes:
+    """Returns an Ultra HDR photo whose list of pictures (MPF) has a byte order; a depth map may follow its gain map.
+
+    It shows a picture with its gain, by default those of a scene.
+    """
+    base, gain = picture or scene(height, width)
+    small = cv2.resize(gain, map_size[::-1], interpolation=cv2.INTER_AREA) / STOPS
+    pixels = np.round(255 * np.stack([small] * bands, axis=-1)).astype(np.uint8)
+    metadata = segment(0xE1, XMP_PREFIX + of_map) + (segment(0xE2, ISO + iso) if iso else b"")
+    gain_map = with_segments(encoded(pixels[..., 0] if bands == 1 else pixels, "JPEG", quality=98), metadata)
+    items = "".join(
+        '<rdf:li rdf:parseType="Resource"><Container:Item Item:Mime="image/jpeg" '
+        f'Item:Semantic="{name}"{length}/></rdf:li>'
+        for name, length in (("Primary", ""), ("GainMap", f' Item:Length="{len(gain_map)}"'))
+    )
+    front = segment(0xE1, b"Exif\0\0" + exif_blob().removeprefix(b"Exif\0\0"))
+    front += segment(0xE1, XMP_PREFIX + packet(items, 'hdrgm:Version="1.0"')) + (
+        segment(0xE2, ISO + bytes(4)) if iso else b""
+    )
+    first = encoded(base, "JPEG", quality=97, subsampling="4:4:4")
+    behind = [gain_map, depth] if depth else [gain_map]
+    entries = 16 * (1 + len(behind))
+    length = len(first) + len(front) + 4 + 4 + 50 + entries
+    starts = [0, length - (2 + len(front) + 8)]
+    starts += [starts[1] + len(gain_map)]
+    sizes = [length, *map(len, behind)]
+    table = b"".join(
+        struct.pack(order + "IIIHH", 0x030000 if not start else 0, size, start, 0, 0)
+        for size, start in zip(sizes, starts, strict=False)
+    )
+    mpf = (b"MM\0*" if order == ">" else b"II*\0") + struct.pack(order + "IH", 8, 3)
+    mpf += struct.pack(order + "HHI4s", 0xB000, 7, 4, b"0100") + struct.pack(order + "HHII", 0xB001, 4, 1, len(sizes))
+    mpf += struct.pack(order + "HHIII", 0xB002, 7, entries, 50, 0) + table
+    return with_segments(first, front + segment(0xE2, b"MPF\0" + mpf)) + b"".join(behind)
+
+
+def with_segments(data: bytes, segments: bytes) -> bytes:
+    return data[:2] + segments + data[2:]
+
+
+def pictures_of(data: bytes) -> list[bytes]:
+    """Returns the pictures in a file, by its list of them (MPF)."""
+    at = data.index(b"MPF\0") + 4
+    order = {b"MM": ">", b"II": "<"}[data[at : at + 2]]
+    entries = data.index(struct.pack(order + "HH", 0xB002, 7), at)
+    size, place = struct.unpack_from(order + "II", data, entries + 4)
+    found = []
+    for entry in range(at + place, at + place + size, 16):
+        _, length, start = struct.unpack_from(order + "III", data, entry)
+        start += at if start else 0
+        found.append(data[start : start + length])
+    return found
+
+
+def segments_of(data: bytes) -> list[bytes]:
+    """Returns the contents of a JPEG's application segments but JFIF."""
+    at, found = 2, []
+    while data[at + 1] != 0xDA:
+        length = struct.unpack_from(">H", data, at + 2)[0]
+        content = data[at + 4 : at + 2 + length]
+        if 0xE0 < data[at + 1] <= 0xEF:
+            found.append(content)
+        at += 2 + length
+    return found
+
+
+def pixels_of(data: bytes) -> np.ndarray:
+    """Returns the first picture of a JPEG [H, W, 3] in RGB, or [H, W] if it is grey."""
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    return found if found.ndim == 2 else found[..., ::-1]
+
+
+def light_of(data: bytes) -> np.ndarray:
+    """Returns the HDR light [H, W, 3] of a photo, 1 is SDR white: by the definition of gain maps (Ultra HDR)."""
+    base, gain_map = (pixels_of(picture) / 255 for picture in pictures_of(data)[:2])
+    linear = np.where(base <= 0.04045, base / 12.92, ((base + 0.055) / 1.055) ** 2.4)
+    gain = cv2.resize(gain_map, base.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    return linear * np.exp2(STOPS * (gain if gain.ndim == 3 else gain[..., None]))
