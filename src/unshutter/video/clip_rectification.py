@@ -38,7 +38,7 @@ from unshutter.video.file.motion_file import MotionWriter
 from unshutter.video.file.mp4 import Movie
 from unshutter.video.file.pixels import of_file
 from unshutter.video.file.stages import Stage
-from unshutter.video.file.video_writer import VideoWriter, check_endings, fitted, holds_covers, start_of, writing
+from unshutter.video.file.video_writer import VideoWriter, check_endings, fitted, is_completed, start_of, writing
 from unshutter.video.outcome import ClipOutcome, ClipPlan, Tally
 from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.render.rendering import (
@@ -237,7 +237,8 @@ class _Output:
         """Completes a video that FFmpeg wrote; yields what became of the clip's tags, and what else it lacks."""
         if frames_file is not None:
             with part.open("r+b") as out:
-                mp4_writer.write_with_covers(frames_file, writer.covers, out)
+                light = light_boxes(self.clip, self.encoder.name)
+                mp4_writer.write_completed(frames_file, writer.covers, light, out)
         yield from clip_inventory.parts(source, str(part), writer.carried, writer.is_part)
 
 
@@ -301,7 +302,7 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
             motions = stack.enter_context(_writing_motions(rendering, options.save_motion, is_wanted))
         source = stack.enter_context(clip.opened())
         frames_file = None
-        if output.into_copy or holds_covers(output.kind, clip):
+        if output.into_copy or is_completed(output.kind, clip, output.encoder):
             frames_file = stack.enter_context(tempfile.TemporaryFile(dir=output.target.parent))
         container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
         writer = output.writer(container, source, request, warper.size)
@@ -334,9 +335,9 @@ def _tried(request: ClipRequest, output: _Output) -> list[Part]:
     with ExitStack() as stack:
         part = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"tried{output.kind}"
         source = stack.enter_context(clip.opened())
-        with_covers = holds_covers(output.kind, clip) and not output.into_copy
-        frames_file = stack.enter_context(tempfile.TemporaryFile()) if with_covers else None
-        if with_covers:
+        in_two_steps = is_completed(output.kind, clip, output.encoder) and not output.into_copy
+        frames_file = stack.enter_context(tempfile.TemporaryFile()) if in_two_steps else None
+        if in_two_steps:
             part.touch()
         container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
         writer = output.writer(container, source, request, (clip.height, clip.width))

@@ -174,18 +174,19 @@ def test_hdr10_plus_of_av1_stays_with_its_frames(tmp_path: Path, capsys) -> None
 
 
 @pytest.mark.parametrize(
-    ("ending", "flags"),
+    ("source", "result", "flags"),
     [
-        (".mp4", ("--codec", "libx264")),
-        (".mp4", ("--codec", "libsvtav1", "--preset", "12")),
-        (".mov", ("--codec", "prores_ks")),
-        (".mp4", ("--codec", "ffv1")),
+        (".mp4", ".mkv", ("--codec", "libx264")),
+        (".mp4", ".mp4", ("--codec", "libsvtav1", "--preset", "12")),
+        (".mov", ".mov", ("--codec", "prores_ks")),
+        (".mp4", ".mov", ("--codec", "prores_ks")),  # written by FFmpeg
+        (".mp4", ".mp4", ("--codec", "ffv1")),
     ],
 )
-def test_mastering_display_and_light_levels_stay_in_every_codec(tmp_path: Path, capsys, ending, flags) -> None:
+def test_mastering_display_and_light_levels_stay_in_every_codec(tmp_path: Path, capsys, source, result, flags) -> None:
     pixel_format = "yuv422p10le" if "prores_ks" in flags else "yuv420p10le"
-    source = hevc(tmp_path / f"in{ending}", pixel_format=pixel_format)
-    out = tmp_path / f"out{ending}"
+    source = hevc(tmp_path / f"in{source}", pixel_format=pixel_format)
+    out = tmp_path / f"out{result}"
     told = straightened(source, out, capsys, *flags)
     assert "not kept" not in told
     before, after = clips.beside(source), clips.beside(out)

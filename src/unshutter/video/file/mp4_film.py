@@ -87,7 +87,8 @@ class Replacement:
 
         tables = box(b"stbl", rebuilt(self.video.part(*STBL), table))
         with_tables = rebuilt(self.film.content, lambda name, _: tables if name == b"stbl" else None, *STBL[:-1])
-        return rebuilt(rebuilt(with_tables, self._media, b"mdia"), self._header)
+        with_header = rebuilt(rebuilt(with_tables, self._media, b"mdia"), self._header)
+        return with_descriptions(with_header, self.light)
 
     @property
     def _window(self) -> Window:
@@ -97,8 +98,6 @@ class Replacement:
         """Returns the new ``stsd`` content, its first entry with what the film's said of it but not of its coding."""
         (kind, content), *more = inside(theirs[FULL + 4 :])
         known = {_kind_of(*each) for each in inside(content[VISUAL:])}
-        own = {name for name, _ in self.film.descriptions}
-        content += b"".join(box(*each) for each in self.light if each[0] not in own | known)
         for name, extra in self.film.descriptions:
             is_carried = _part_of(name, self.film, self.dolby_vision).fate is Fate.CARRIED
             if name == b"clap" and self._window[2:] != _size(self.film):
@@ -168,6 +167,20 @@ def kept(film: Track) -> set[bytes]:
     found = {box(*each) for path, but in levels for each in inside(film.part(*path)) if each[0] not in but}
     descriptions = set(carried(film)) - set(_REMADE)
     return found | {box(*each) for each in film.descriptions if each[0] in descriptions}
+
+
+def with_descriptions(track: bytes, added: Sequence[tuple[bytes, bytes]]) -> bytes:
+    """Returns the content of a film's track with further boxes in its first sample entry, unless it has such."""
+
+    def described(name: bytes, content: bytes) -> bytes | None:
+        if name != b"stsd":
+            return None
+        (kind, entry), *more = inside(content[FULL + 4 :])
+        known = {each for each, _ in inside(entry[VISUAL:])}
+        entry += b"".join(box(*each) for each in added if each[0] not in known)
+        return box(name, content[: FULL + 4] + box(kind, entry) + b"".join(box(*each) for each in more))
+
+    return rebuilt(track, described, *STBL) if added else track
 
 
 def words(name: bytes) -> str:

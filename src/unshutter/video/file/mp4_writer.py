@@ -31,7 +31,7 @@ from unshutter.video.file.mp4 import (
     offsets_box,
     rebuilt,
 )
-from unshutter.video.file.mp4_film import Replacement
+from unshutter.video.file.mp4_film import Replacement, with_descriptions
 from unshutter.video.file.mp4_inventory import (
     LONGEST_TABLE,
     PlaceTable,
@@ -147,22 +147,28 @@ def write_with_video(
     _write(movie, Places(changes), [(video, each) for each in samples], out)
 
 
-def write_with_covers(video: BinaryIO, covers: list[bytes], out: BinaryIO) -> None:
-    """Writes a video of FFmpeg, with cover pictures, which FFmpeg drops if there are tags of all kinds."""
+def write_completed(video: BinaryIO, covers: list[bytes], light: Sequence[tuple[bytes, bytes]], out: BinaryIO) -> None:
+    """Writes a video of FFmpeg with what FFmpeg drops.
+
+    Args:
+        covers: cover pictures, which it drops if there are tags of all kinds.
+        light: boxes that say how bright the film is.
+    """
     movie = Movie.read(video)
     pictures = b"".join(box(b"data", struct.pack(">II", _picture_kind(each), 0) + each) for each in covers)
     handler = box(b"hdlr", bytes(8) + b"mdirappl" + bytes(9))
     meta = box(b"meta", bytes(4) + handler + box(b"ilst", box(b"covr", pictures)))
-    tags = dict(movie.others).get(b"udta", b"")
+    tags = box(b"udta", dict(movie.others).get(b"udta", b"") + meta) if covers else b""
     is_wide = movie.length > _LONGEST_NARROW
 
     def change(name: bytes, content: bytes, places: Places) -> bytes | None:
-        return b"" if name == b"udta" else box(name, _moved(content, places, is_wide)) if name == b"trak" else None
+        if name != b"trak":
+            return b"" if name == b"udta" and covers else None
+        film = with_descriptions(content, light) if Track(content).handler == b"vide" else content
+        return box(name, _moved(film, places, is_wide))
 
     def moov(places: Places) -> bytes:
-        return box(
-            b"moov", rebuilt(movie.content, lambda name, inner: change(name, inner, places)) + box(b"udta", tags + meta)
-        )
+        return box(b"moov", rebuilt(movie.content, lambda name, inner: change(name, inner, places)) + tags)
 
     place = movie.moov
     early = next(each.head for each in movie.boxes if each.name == b"mdat")

@@ -22,7 +22,7 @@ from unshutter.progress import ClipObserver
 from unshutter.video.file.clip_facts import ClipFacts
 from unshutter.video.file.containers import ALPHA_MODE, COVER, ONE_FILM, VideoFile, opened, time_of
 from unshutter.video.file.dynamic_hdr import DynamicHdr
-from unshutter.video.file.encoders import REDUCED, Encoder, others_for
+from unshutter.video.file.encoders import REDUCED, Encoder, light_boxes, others_for
 from unshutter.video.file.part_times import chapters_of_part, timecode_after
 from unshutter.video.file.pixels import FULL_RANGE, LIMITED_RANGE
 from unshutter.video.file.stages import Stage, Work
@@ -326,9 +326,9 @@ def start_of(clip: ClipFacts, ending: str) -> float:
     return min(clip.start_s, 0.0) if clip.timing.start < 0 else 0.0
 
 
-def holds_covers(ending: str, clip: ClipFacts) -> bool:
-    """Whether a video of this file ending gets its cover pictures from ``mp4_writer.write_with_covers``."""
-    return ending.lower() in _MP4 and clip.has_covers
+def is_completed(ending: str, clip: ClipFacts, encoder: Encoder) -> bool:
+    """Whether a video of this file ending gets what FFmpeg drops from ``mp4_writer.write_completed``."""
+    return ending.lower() in _MP4 and (clip.has_covers or bool(light_boxes(clip, encoder.name)))
 
 
 def fitted(encoder: Encoder, clip: ClipFacts, ending: str) -> Encoder:
