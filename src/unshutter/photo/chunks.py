@@ -165,12 +165,13 @@ def before_the_scan(file: BinaryIO, markers: Collection[int] | None = None, at: 
 
 
 def _marker(file: BinaryIO) -> int | None:
-    """Reads the next marker, which any number of bytes 0xFF may precede; returns None if there is none."""
-    if file.read(1) != b"\xff":
-        return None
+    """Reads the next marker, which 0xFF and, to decoders, any other bytes may precede; None if there is none."""
+    before = b""
     for _ in range(1 << 16):  # bytes that fill
-        if (byte := file.read(1)) != b"\xff":
+        byte = file.read(1)
+        if not byte or (before == b"\xff" and byte not in b"\0\xff"):
             return byte[0] if byte else None
+        before = byte
     return None
 
 

@@ -16,6 +16,7 @@ from support.tagged_files import (
     RATED_XMP,
     SRGB,
     check_rich_exif,
+    exif_blob,
     rich_exif,
 )
 from unshutter.errors import UnshutterError
@@ -49,6 +50,20 @@ def test_heic_gives_its_metadata_to_every_format() -> None:
             assert picture.info["icc_profile"] == SRGB
             assert b'xmp:Rating="4"' in (picture.info.get("xmp") or picture.info["XML:com.adobe.xmp"].encode())
         assert Photo.from_bytes(data).orientation == 6
+
+
+def test_exif_without_the_number_before_it() -> None:
+    """Decoders skip four bytes nevertheless: of the header, which is known."""
+    blob = exif_blob(6)
+    data = heic(drawn(), exif=blob)
+    assert data.count(b"\0\0\0\6" + blob) == 1
+    bare = Photo.from_bytes(data.replace(b"\0\0\0\6" + blob, blob[6:] + bytes(10)))
+    pictures = (Image.open(io.BytesIO(photo.to_bytes("jpeg"))) for photo in (bare, Photo.from_bytes(data)))
+    restored, usual = (dict(picture.getexif()) for picture in pictures)
+    assert restored == usual and usual
+    assert bare.encode("jpeg").left_out == ()
+    odd = Photo.from_bytes(data.replace(b"\0\0\0\6" + blob, bytes(len(blob) + 4)))
+    assert odd.encode("jpeg").left_out == ("EXIF (damaged)",)
 
 
 def test_exif_that_goes_round_in_circles_goes_no_further() -> None:

@@ -99,6 +99,13 @@ def test_data_behind_the_picture_are_named(progressive: bool, monkeypatch: pytes
     ]
 
 
+def test_bytes_between_segments_are_passed_over_as_by_decoders() -> None:
+    packet = b"<x:xmpmeta xmlns:x='adobe:ns:meta/'/>"
+    data = jpeg_with(drawn(), (0xE1, b"http://ns.adobe.com/xap/1.0/\0" + packet))
+    data = data[:2] + b"\xff\xee\0\x04\0\0" + bytes(16) + b"\xff\0" + data[2:]
+    assert packet in result(data).data
+
+
 @pytest.mark.parametrize("subsampling", ["4:4:4", "4:2:0"])
 def test_bytes_that_fill_the_place_before_a_marker_change_nothing(subsampling) -> None:
     whole = encoded(drawn(), "JPEG", subsampling=subsampling, quality=61, exif=full_exif())

@@ -140,6 +140,14 @@ def test_metadata_that_cannot_be_read_are_named(pair):
     assert Photo.from_bytes(png_with(pair)).encode().left_out == ("EXIF (damaged)",)
 
 
+def test_bytes_behind_a_raw_profile_are_no_damage():
+    name, packed = raw_profile(b"xmp", XMP)
+    head, text = packed[:22], zlib.decompress(packed[22:])
+    pair = name, head + zlib.compress(text + b"\n}\xd1\1")
+    assert head.endswith(b"xmp\0\0")
+    assert (b"iTXt", b"XML:com.adobe.xmp\0\0\0\0\0" + XMP) in chunks_of(again(png_with(pair)))
+
+
 def test_metadata_that_are_too_long_are_named(monkeypatch):
     packed = (b"zTXt", b"XML:com.adobe.xmp\0\0" + zlib.compress(XMP))
     assert Photo.from_bytes(png_with(packed)).encode().left_out == ()

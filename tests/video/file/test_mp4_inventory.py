@@ -249,6 +249,13 @@ def test_random_edit_lists_leave_frames_at_their_times(tmp_path, capsys, seed):
     assert streams((tmp_path / "out.mp4").read_bytes())[1] == streams(source.read_bytes())[1]
 
 
+def test_a_track_without_a_description_is_left_to_ffmpeg(films):
+    data = films[0]
+    at = data.rindex(b"stsd")
+    assert can_take(Movie.read(io.BytesIO(data)), 1)
+    assert not can_take(Movie.read(io.BytesIO(data[:at] + b"free" + data[at + 4 :])), 1)
+
+
 def test_a_false_count_of_edits(films):
     edit = struct.pack(">Iiii", 1, 500, 0, 1 << 16)
     data = with_edits(films[0], [(500, 0)]).replace(edit, struct.pack(">I", 200) + edit[4:])

@@ -160,8 +160,11 @@ class Heic(Format):
         if not profile:
             profile, stated = code_points.colours(*own.code_points, own.light, source)
         packet = info.get("xmp")
+        blob = exif.with_header(info.get("exif") or None)
+        if info.get("exif") and blob is None:
+            found = without(found, "exif", "EXIF", DAMAGED)
         metadata = Metadata(
-            exif=info.get("exif") or None,
+            exif=blob,
             icc=bytes(profile) if profile else None,
             code_points=stated,
             xmp=bytes(packet) if packet else None,

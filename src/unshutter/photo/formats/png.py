@@ -261,11 +261,13 @@ def _content(name: bytes, data: bytes) -> bytes | None:
 
 
 def _unpacked_profile(content: bytes) -> bytes:
-    """Decodes a raw profile: a line with its name, one with its length, then hexadecimal digits."""
+    """Decodes a raw profile: a line with its name, one with its length, then so many hexadecimal digits."""
     parts = content.split(b"\n", 3)
     try:
-        data = bytes.fromhex(parts[3].decode("ascii"))
-        return data if len(data) == int(parts[2]) else b""
+        length = int(parts[2])
+        digits = b"".join(parts[3].split())[: 2 * max(length, 0)]
+        data = bytes.fromhex(digits.decode("ascii"))
+        return data if len(data) == length else b""
     except (IndexError, ValueError):
         return b""
 

@@ -89,6 +89,7 @@ def can_take(movie: Movie, number: int) -> bool:
     try:
         others = [sample_ranges(track) for track in movie.tracks if track.number != number]
         film = sample_ranges(movie.track(number))
+        is_described = all(track.handler and track.sample_kind for track in movie.tracks)
     except DAMAGE:
         return False
     taken = merged(each for ranges in others for each in ranges)
@@ -97,7 +98,7 @@ def can_take(movie: Movie, number: int) -> bool:
     are_inside = (place > 0) & (ends <= np.array([0, *(each.end for each in holders)])[place])
     has_own = _length(merged([*film, *taken])) > _length(taken)
     has_each_once = _length(film) == _length(merged(film)) and len(others) + 1 == len(movie.tracks)
-    return bool(are_inside.all()) and has_own and has_each_once
+    return is_described and bool(are_inside.all()) and has_own and has_each_once
 
 
 def _length(ranges: list[Range]) -> int:
