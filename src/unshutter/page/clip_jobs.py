@@ -42,7 +42,7 @@ from unshutter.video.decision import Decision, Leave, RectifyFrames, decide, why
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.encoders import writable
-from unshutter.video.file.pixels import ArrayFrame, PixelFormat, of_file, upright
+from unshutter.video.file.pixels import ArrayFrame, PixelFormat, in_srgb, of_file, upright
 from unshutter.video.file.previews import encode_pairs
 from unshutter.video.file.row_samples import ROWS
 from unshutter.video.file.stages import Stage
@@ -252,7 +252,7 @@ def _small(frame: VideoFrame, longest: int | None, turned_as: VideoFrame) -> np.
     """Returns the [H, W, 3] RGB pixels of a frame, turned upright as another frame states."""
     scale = 1.0 if longest is None else min(longest / max(frame.height, frame.width), 1.0)
     height, width = (max(2, round(side * scale)) for side in (frame.height, frame.width))
-    return upright(frame.reformat(width, height, format="rgb24").to_ndarray(), turned_as)
+    return upright(in_srgb(frame, width, height), turned_as)
 
 
 # ---- the video ----------------------------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ def _pairs(
         frame = of_file(moving.frame)
         scale = min(_EXCERPT_SIDE / max(frame.height, frame.width), 1.0)
         height, width = (2 * max(round(side * scale / 2), 1) for side in (frame.height, frame.width))
-        before = frame.reformat(width, height, format="rgb24").to_ndarray()
+        before = in_srgb(frame, width, height)
         pixels = PixelFormat.of_array(before)
         inside = clip.picture and clip.picture.scaled(height / frame.height, width / frame.width)
         warper = Warper(replace(clip, height=height, width=width, pixels=pixels, side_data={}, picture=inside), undo)

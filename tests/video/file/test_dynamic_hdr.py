@@ -13,6 +13,7 @@ from support.movie_boxes import box, with_entry_boxes
 from unshutter.cli import main
 from unshutter.frames.pyav import side_data
 from unshutter.video.file import dynamic_hdr
+from unshutter.video.file.pixels import in_srgb
 
 FRAMES = 16
 QUIET = "log-level=error:bframes=2"
@@ -203,3 +204,19 @@ def test_units_never_look_like_start_codes() -> None:
         content = b"\xb5\x00\x3c\x00\x01\x04" + data
         unit = b"\x4e\x01" + escaped(dynamic_hdr._message(content) + b"\x80")
         assert list(dynamic_hdr._messages(unit)) == [content]
+
+
+@pytest.mark.parametrize(("transfer", "white"), [(16, 0.58), (18, 0.75)])
+def test_previews_show_hdr_as_sdr(transfer: int, white: float) -> None:
+    """White of 203 cd/m2 is bright, not grey; SDR is shown as it is."""
+    frame = av.VideoFrame(64, 48, "yuv420p10le")
+    for plane, value in zip(frame.planes, (64 + round(876 * white), 512, 512), strict=True):
+        plane.update(np.full(plane.buffer_size // 2, value, "<u2").tobytes())
+    frame.color_range, frame.color_primaries, frame.colorspace = 1, 9, 9
+    shown = {}
+    for each in (transfer, 14):
+        frame.color_trc = each
+        shown[each] = in_srgb(frame, 32, 24)
+    assert shown[transfer].shape == (24, 32, 3) and shown[transfer].dtype == np.uint8
+    assert np.abs(shown[transfer].astype(int) - 233).max() <= 4
+    assert np.abs(shown[14].astype(int) - 255 * white).max() <= 3

@@ -11,6 +11,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.pyav import av, side_data
+from unshutter.photo.code_points import CodePoints, for_screen
+from unshutter.photo.libvips import as_image
 
 if TYPE_CHECKING:
     from av import VideoFormat, VideoFrame
@@ -171,6 +173,15 @@ def small_grey(
     luma = luma if luma.strides[1] == luma.itemsize else np.ascontiguousarray(luma)
     small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA))
     return np.right_shift(small, depth - 8, dtype=small.dtype, casting="unsafe").astype(np.uint8)
+
+
+def in_srgb(frame: VideoFrame, width: int, height: int) -> UInt8[np.ndarray, "{height} {width} 3"]:
+    """Returns a frame for a screen, of a size; HDR is reduced to SDR."""
+    code_points = CodePoints(int(frame.color_primaries), int(frame.color_trc))
+    if not code_points.is_hdr:
+        return frame.reformat(width, height, format="rgb24").to_ndarray()
+    pixels = frame.reformat(width, height, format="rgb48le").to_ndarray()
+    return for_screen(as_image(pixels), code_points).numpy()
 
 
 def upright(pixels: UInt8[np.ndarray, "rows columns 3"], turned_as: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:

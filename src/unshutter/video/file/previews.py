@@ -15,7 +15,7 @@ from unshutter.photo import Photo
 from unshutter.photo.photo import PREVIEW
 from unshutter.storage.files import written_whole
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
-from unshutter.video.file.pixels import upright
+from unshutter.video.file.pixels import in_srgb, upright
 from unshutter.video.file.video_writer import USUAL, writing
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def write_preview(
 def _small_picture(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
     """Returns a frame upright and small, in RGB."""
     height = 2 * round(_WIDTH * frame.height / frame.width / 2)
-    return upright(frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray(), frame)
+    return upright(in_srgb(frame, _WIDTH, height), frame)
 
 
 def encode_pairs(
