@@ -249,6 +249,31 @@ def test_random_edit_lists_leave_frames_at_their_times(tmp_path, capsys, seed):
     assert streams((tmp_path / "out.mp4").read_bytes())[1] == streams(source.read_bytes())[1]
 
 
+def items(method, extents=1):
+    """A box whose item of 8 bytes is at 100: in the file (method 0), or in its own data."""
+    item = struct.pack(">HHHH", 1, method, 0, extents) + struct.pack(">II", 100, 8) * extents
+    listed = box(b"iloc", bytes([1, 0, 0, 0, 0x44, 0]) + struct.pack(">H", 1) + item)
+    return box(b"meta", bytes(4) + box(b"hdlr", bytes(8) + b"pict" + bytes(13)) + listed)
+
+
+def test_lists_of_places_in_the_file_are_left_out_and_named(films):
+    further = box(b"saiz", bytes(9)) + box(b"saio", struct.pack(">III", 0, 1, 100))
+    tables = (b"trak", b"mdia", b"minf", b"stbl", b"stco")
+
+    def of_sound(here, content):
+        return content + further if here == tables[:-1] and b"mp4a" in content else content
+
+    data = with_moov(films[0], lambda moov: rebuilt(moov, of_sound) + items(0) + items(1) + items(0, 0))
+    result, parts = replaced(data + items(0) + items(1), films[2])
+    assert left_out(parts) == [
+        f"{name} (it lists places in the file, which move)"
+        for name in ("table 'saiz' of track 2", "table 'saio' of track 2", "box moov/'meta'", "box 'meta'")
+    ]
+    assert b"saio" not in result and b"saiz" not in result
+    assert result.count(items(0)) == 0 and result.count(items(1)) == 2 and result.count(items(0, 0)) == 1
+    check(data, result, films[2])
+
+
 def test_a_track_without_a_description_is_left_to_ffmpeg(films):
     data = films[0]
     at = data.rindex(b"stsd")

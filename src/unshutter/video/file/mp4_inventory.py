@@ -20,7 +20,7 @@ from unshutter.inventory import Fate, Part
 from unshutter.photo.boxes import inside
 from unshutter.video.file import mp4_film
 from unshutter.video.file.containers import ONE_FILM
-from unshutter.video.file.mp4 import STBL, Movie, NotPlainError, TopBox, Track, rebuilt
+from unshutter.video.file.mp4 import DAMAGE, FULL, STBL, Movie, NotPlainError, TopBox, Track, rebuilt
 from unshutter.video.file.mp4_film import words
 
 Range: TypeAlias = tuple[int, int]  # positions of the first byte and of that behind the last
@@ -32,6 +32,8 @@ _BLOCK = 1 << 20  # bytes read at a time
 _LONGEST_BEFORE = 16  # bytes in a box before its table
 _LONGEST_EMPTY = 8  # bytes of a reference that names no other file
 _GPS = b"gps "
+_PLACES_OF_SAMPLES = (b"saio", b"saiz")
+_MOVED = "it lists places in the file, which move"
 
 
 # ---- where bytes are ------------------------------------------------------------------------------------------------
@@ -95,6 +97,50 @@ def is_signature(name: bytes, content: bytes) -> bool:
 def signatures(movie: Movie) -> list[TopBox]:
     """Returns the boxes that sign the file as it was."""
     return [each for each in movie.boxes if is_signature(each.name, movie.read_at(each.start, len(_SIGNATURE)))]
+
+
+def lists_places(name: bytes, content: bytes) -> bool:
+    """Whether a box lists where its items or its samples' further data are in the file, and is not kept."""
+    if name != b"meta":
+        return name in _PLACES_OF_SAMPLES
+    for start in (FULL, 0):  # QuickTime's has no version
+        with suppress(*DAMAGE):
+            if listed := dict(inside(content[start:])).get(b"iloc"):
+                return _has_places(listed)
+    return False
+
+
+def _has_places(iloc: bytes) -> bool:
+    """Whether items of the box ``iloc`` are elsewhere in the file, not in their own box or in other items."""
+    version, (places, base) = iloc[0], iloc[4:6]
+    wide = 4 if version == 2 else 2  # bytes of a number of items
+    extent = (places >> 4) + (places & 15) + (base & 15 if version else 0)
+    count = int.from_bytes(iloc[6 : 6 + wide], "big")
+    at = 6 + wide
+    for _ in range(count):
+        at += wide
+        method = iloc[at + 1] & 15 if version else 0
+        at += (4 if version else 2) + (base >> 4)
+        extents = int.from_bytes(iloc[at : at + 2], "big")
+        if extents and method == 0:
+            return True
+        at += 2 + extents * extent
+    return False
+
+
+def place_lists(movie: Movie) -> list[TopBox]:
+    """Returns the boxes outside ``moov`` that list where items are in the file."""
+    metas = (each for each in movie.boxes if each.name == b"meta" and each.end - each.start <= LONGEST_TABLE)
+    return [each for each in metas if lists_places(each.name, movie.read_at(each.start, each.end - each.start))]
+
+
+def without_place_lists(track: bytes) -> bytes:
+    """Returns the content of a track without boxes that list places in the file, but for those of its samples."""
+
+    def change(name: bytes, content: bytes) -> bytes | None:
+        return b"" if lists_places(name, content) else None
+
+    return rebuilt(rebuilt(track, change), change, *STBL)
 
 
 def behind_and_between(movie: Movie) -> Iterator[tuple[str, list[Range]]]:
@@ -169,22 +215,32 @@ def parts(movie: Movie, film: Track, other_films: Collection[int] = (), dolby_vi
         size = sum(end - start for start, end in sample_ranges(track))
         if track.number != film.number:
             yield Part(name, Fate.CARRIED, ONE_FILM if track.number in other_films else "", size)
+            yield from _place_lists_in(track)
             continue
         yield Part(name, Fate.REPLACED, size=size)
         yield from mp4_film.parts(track, dolby_vision)
     for name, content in movie.others:
-        fate = Fate.TRANSFORMED if PlaceTable.of(name, content, ranges) else Fate.CARRIED
-        yield Part(f"box moov/{words(name)}", fate, size=len(content))
-    signed = signatures(movie)
+        is_left = lists_places(name, content)
+        fate = Fate.LEFT_OUT if is_left else Fate.TRANSFORMED if PlaceTable.of(name, content, ranges) else Fate.CARRIED
+        yield Part(f"box moov/{words(name)}", fate, _MOVED if is_left else "", len(content))
+    signed, moved = signatures(movie), place_lists(movie)
     for each in movie.boxes:
         size = each.end - each.head
         if each in signed:
             yield replace(CREDENTIALS, size=size)
+        elif each in moved:
+            yield Part(f"box {words(each.name)}", Fate.LEFT_OUT, _MOVED, size)
         elif each.name not in (b"moov", b"mdat"):
             yield Part(f"box {words(each.name)}", Fate.CARRIED, size=size)
     for name, held in behind_and_between(movie):
         if held:
             yield Part(name, Fate.CARRIED, size=sum(end - start for start, end in held))
+
+
+def _place_lists_in(track: Track) -> Iterator[Part]:
+    for name, content in (*inside(track.content), *inside(track.part(*STBL))):
+        if lists_places(name, content):
+            yield Part(f"table {words(name)} of track {track.number}", Fate.LEFT_OUT, _MOVED, len(content))
 
 
 # ---- the audit ------------------------------------------------------------------------------------------------------
@@ -238,7 +294,7 @@ def audit(before: Movie, after: Movie, film: Track) -> list[str]:
 def _digest(movie: Movie, ranges: list[Range], unlisted: list[Range]) -> bytes:
     """Returns a digest of the bytes in ranges, but for what signs the file, and for places that it lists."""
     tables = {each.head: each for each in movie.boxes if each.name not in (b"moov", b"mdat")}
-    signed = {each.head for each in signatures(movie)}
+    signed = {each.head for each in (*signatures(movie), *place_lists(movie))}
     digest = blake2b()
     for start, end in ranges:
         holder = tables.get(start)
@@ -257,7 +313,7 @@ def _boxes(movie: Movie, unlisted: list[Range]) -> list[tuple[bytes, bytes]]:
     found = []
     for name, content in movie.others:
         inner = inside(content) if name == b"udta" else [(name, content)]
-        found += [(each, _listless(each, data, unlisted)) for each, data in inner]
+        found += [(each, _listless(each, data, unlisted)) for each, data in inner if not lists_places(each, data)]
     return found
 
 
@@ -268,4 +324,6 @@ def _listless(name: bytes, content: bytes, ranges: list[Range]) -> bytes:
 
 def _masked(track: Track) -> bytes:
     """Returns the content of a track without the places of its samples."""
-    return rebuilt(track.content, lambda name, _: b"" if name in (b"stco", b"co64") else None, *STBL)
+    return rebuilt(
+        without_place_lists(track.content), lambda name, _: b"" if name in (b"stco", b"co64") else None, *STBL
+    )

@@ -36,11 +36,14 @@ from unshutter.video.file.mp4_inventory import (
     LONGEST_TABLE,
     PlaceTable,
     Range,
+    lists_places,
     loose,
     merged,
+    place_lists,
     sample_ranges,
     signatures,
     without,
+    without_place_lists,
 )
 
 _BLOCK = 1 << 20  # bytes copied at a time
@@ -130,7 +133,7 @@ def write_with_video(
     replacement = Replacement(film, own, (movie.timescale, new.timescale), corner, dolby_vision, light)
     begin_s = film.begin_s(movie.timescale) - own.begin_s(new.timescale)
     changes = _film_changes(movie, film, [each._replace(at_s=each.at_s - begin_s) for each in samples])
-    changes += [_Change(each.head, each.end) for each in signatures(movie)]
+    changes += [_Change(each.head, each.end) for each in (*signatures(movie), *place_lists(movie))]
     is_wide = movie.length + sum(sizes) > _LONGEST_NARROW
     ranges = loose(movie)
 
@@ -138,8 +141,8 @@ def write_with_video(
         if name != b"trak":
             return _with_tables_moved(name, content, ranges, places)
         if content != film.content:
-            return box(name, _moved(content, places, is_wide))
-        return box(name, replacement.track(places.of_samples(sizes), is_wide))
+            return box(name, _moved(without_place_lists(content), places, is_wide))
+        return box(name, without_place_lists(replacement.track(places.of_samples(sizes), is_wide)))
 
     changes += _tables(movie, ranges)
     moov = partial(_rebuilt, movie.content, change)
@@ -247,6 +250,8 @@ def _with_tables_moved(name: bytes, content: bytes, ranges: list[Range], places:
     """Returns a box of ``moov`` with what it lists of places in the file moved; None if it lists none."""
     if name == b"udta":
         return box(name, rebuilt(content, lambda kind, inner: _with_tables_moved(kind, inner, ranges, places)))
+    if lists_places(name, content):
+        return b""
     table = PlaceTable.of(name, content, ranges)
     return None if table is None else box(name, table.moved(content, places))
 
