@@ -14,6 +14,8 @@ from support.drawn_photos import drawn, one_line, textured
 from support.tagged_files import png_with_chunks, with_code_points
 from unshutter import RowMotion, UnshutterError
 from unshutter.photo import Photo, boxes
+from unshutter.photo.box_properties import state_colours
+from unshutter.photo.code_points import CodePoints
 
 PQ, HLG = 16, 18
 HEIGHT, WIDTH = 96, 160
@@ -113,6 +115,12 @@ def test_formats_without_hdr_are_refused(format: str) -> None:
     one_line(error)
 
 
+def test_png_of_limited_range_is_refused() -> None:
+    whole = png(drawn(dtype=np.uint16), PQ)
+    with pytest.raises(UnshutterError, match="of limited range: convert it first"):
+        Photo.from_bytes(png_with_chunks(whole[:33] + whole[49:], (b"cICP", bytes([9, PQ, 0, 0]))))
+
+
 @pytest.mark.parametrize("primaries", [1, 9])
 def test_copies_show_pq_as_sdr(primaries: int) -> None:
     """Up to half of white's light, they show what SDR would; the rest is darker by a shoulder, never by hue."""
@@ -144,3 +152,15 @@ def test_grey_hdr_stays_grey() -> None:
     assert photo.bands == 1 and Photo.from_bytes(photo.to_bytes()).bands == 1
     assert photo.screen_copy().shape == (HEIGHT, WIDTH, 3)
     assert Photo.from_bytes(photo.to_bytes("avif")).format == "avif"
+
+
+def test_colours_that_are_stated_already_are_replaced() -> None:
+    """As newer versions of libvips may do."""
+    made = Photo.from_array(textured(HEIGHT, WIDTH)).to_bytes("avif")
+    stream = io.BytesIO(made)
+    state_colours(stream, CodePoints(1, 13))
+    state_colours(stream, CodePoints(9, PQ, ((b"clli", bytes(4)),)))
+    data = stream.getvalue()
+    assert data.count(b"colrnclx") == 1 and properties(data)[b"colr"][4:8] == bytes([0, 9, 0, PQ])
+    assert properties(data)[b"clli"] == bytes(4)
+    assert Photo.from_bytes(data).pixels.shape == (HEIGHT, WIDTH, 3)

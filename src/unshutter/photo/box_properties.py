@@ -15,16 +15,20 @@ from unshutter.photo.code_points import CodePoints
 _MATRIX = 6  # coefficients by which libheif codes colours: BT.601
 _AS_CODED = 1 << 24 | 1 << 16 | 13 << 8 | _MATRIX  # that they are stated, and how libheif states them: as sRGB
 _AS_CODED_BITS = 25
+_NCLX = b"colrnclx"
 _MOST_HEADER = 64  # bytes of coded data in which its header is looked for
 
 
 def state_colours(file: BinaryIO, code_points: CodePoints) -> None:
     """States the colours of the primary picture of an AVIF that libheif wrote with sRGB's, and light levels."""
     _state_in_header(file, code_points)
-    properties = code_points.boxes(_MATRIX)
     _, start, end = next(each for each in boxes.top_level_extents(file) if each[0] == b"meta")
     file.seek(start)
     meta = file.read(end - start)
+    if _NCLX in meta:  # newer versions of libvips state sRGB
+        at = meta.index(_NCLX) + len(_NCLX)
+        meta = meta[:at] + struct.pack(">HH", code_points.primaries, code_points.transfer) + meta[at + 4 :]
+    properties = code_points.light if _NCLX in meta else code_points.boxes(_MATRIX)
     added = b"".join(struct.pack(">I4s", 8 + len(content), name) + content for name, content in properties)
     ipma_at = meta.index(b"ipma") - 4
     first = sum(1 for _ in boxes.inside(meta[meta.index(b"ipco") + 4 : ipma_at])) + 1

@@ -180,6 +180,8 @@ def _metadata(
     profile, stated = None, None
     if len(coded := by_name.get(b"cICP", b"")) == 4:
         profile, stated = code_points.colours(coded[0], coded[1], code_points.light_in_chunks(by_name), source)
+        if stated is not None and not coded[3]:
+            raise UnshutterError(f"{{photo}} has {stated.title} of limited range: convert it first", photo=source)
     metadata = replace(
         unread,
         exif=blobs.get("exif") or None,
