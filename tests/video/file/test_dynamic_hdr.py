@@ -204,6 +204,9 @@ def test_units_never_look_like_start_codes() -> None:
         content = b"\xb5\x00\x3c\x00\x01\x04" + data
         unit = b"\x4e\x01" + escaped(dynamic_hdr._message(content) + b"\x80")
         assert list(dynamic_hdr._messages(unit)) == [content]
+        for size in (0, 2, 4):  # bytes that are no packet raise nothing
+            list(dynamic_hdr.DynamicHdr(False, size, True)._of_hevc(b"\0\0\0\7\x4e\1" + data))
+        list(dynamic_hdr.DynamicHdr(True, 0, True)._of_av1(b"\x2a" + data))
 
 
 @pytest.mark.parametrize(("transfer", "white"), [(16, 0.58), (18, 0.75)])

@@ -188,9 +188,8 @@ def _with_units(data: bytes, added: list[bytes]) -> bytes:
     """Returns a packet of libx265, with start codes, and further units where they belong."""
     before = b"".join(_START + each for each in added if each[0] >> 1 & 0x3F == _SEI)
     behind = b"".join(_START + each for each in added if each[0] >> 1 & 0x3F == _RPU)
-    first = next(
-        each.start() for each in re.finditer(b"\0?\0\0\1(.)", data, re.DOTALL) if each[1][0] >> 1 < _VIDEO_LAYERS
-    )
+    starts = re.finditer(b"\0?\0\0\1(.)", data, re.DOTALL)
+    first = next((each.start() for each in starts if each[1][0] >> 1 < _VIDEO_LAYERS), len(data))
     return data[:first] + before + data[first:] + behind
 
 
