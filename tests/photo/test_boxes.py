@@ -9,9 +9,10 @@ from support.camera_files import heic
 from support.drawn_photos import drawn, encoded
 from unshutter.inventory import left_out
 from unshutter.photo import Photo
-from unshutter.photo.boxes import parts_of
+from unshutter.photo.boxes import auxiliary_items, parts_of
 
 GAIN_MAP = "urn:com:apple:photo:2020:aux:hdrgainmap"
+SDR = "gain map (the result is SDR)"
 XMP_TYPE = b"application/rdf+xml"
 
 
@@ -47,8 +48,8 @@ def named(file: io.BytesIO) -> tuple[str, ...]:
 @pytest.mark.parametrize(
     ("told", "names"),
     [
-        (GAIN_MAP, ("gain map",)),
-        ("urn:com:samsung:photo:2024:aux:hdrgainmap", ("gain map",)),
+        (GAIN_MAP, (SDR,)),
+        ("urn:com:samsung:photo:2024:aux:hdrgainmap", (SDR,)),
         ("urn:mpeg:hevc:2015:auxid:2", ("depth map",)),
         ("urn:mpeg:mpegB:cicp:systems:auxiliary:depth", ("depth map",)),
         ("urn:com:apple:photo:2018:aux:portraiteffectsmatte", ("mattes",)),
@@ -78,7 +79,7 @@ def test_other_items_and_boxes_have_names() -> None:
     names = named(file_of(items, references, {}, box(b"mpvd", b"film") + box(b"sefd", b"own")))
     assert names == (
         "further pictures",
-        "gain map",
+        SDR,
         "other data",
         "IPTC",
         "regions",
@@ -97,7 +98,8 @@ def test_photos_name_them() -> None:
     made = heic(drawn(bands=4))
     assert made.count(b"auxid:1\0") == 1
     photo = Photo.from_bytes(made.replace(b"auxid:1\0", b"auxid:2\0"))
-    assert photo.bands == 3 and photo.encode("jpeg").left_out == ("depth map",)
+    assert photo.bands == 3 and photo.encode("jpeg").left_out == ()
+    assert photo.encode("avif").left_out == ("depth map",)
     assert Photo.from_bytes(made).encode("avif").left_out == ()
     for bands in (3, 4):
         assert Photo.from_bytes(encoded(drawn(bands=bands), "AVIF")).encode().left_out == ()
@@ -106,3 +108,24 @@ def test_photos_name_them() -> None:
 def test_a_box_that_claims_more_bytes_than_can_be_counted_is_the_last() -> None:
     endless = struct.pack(">I4sQ", 1, b"free", 2**64 - 1)
     assert named(io.BytesIO(file_of([], [], {}).getvalue() + endless)) == ()
+
+
+def test_what_a_gain_map_means_is_found_in_the_items_about_it() -> None:
+    items = [item(2, b"hvc1", hidden=True), item(3, b"tmap"), item(4, b"mime", XMP_TYPE), item(5, b"mime", XMP_TYPE)]
+    references = [
+        reference(b"auxl", 2, 1),
+        reference(b"dimg", 3, 1, 2),
+        reference(b"cdsc", 4, 2),
+        reference(b"cdsc", 5, 1),
+    ]
+    whole = file_of(items, references, {2: GAIN_MAP}).getvalue()
+    held = b"about the map, by ISO" + b"<x/>"
+    # of version 1: number, method (1: in idat), data reference, number of extents, offset, length
+    places = struct.pack(">HHHHII", 3, 1, 0, 1, 0, 21) + struct.pack(">HHHHII", 4, 1, 0, 1, 21, 4)
+    iloc = box(b"iloc", struct.pack(">IBBH", 1 << 24, 0x44, 0, 2) + places)
+    meta = whole[whole.index(b"meta") + 4 : whole.index(b"mdat") - 4]
+    data = box(b"ftyp", b"heic") + box(b"meta", meta + iloc + box(b"idat", held))
+    (found,) = auxiliary_items(io.BytesIO(data))
+    assert (found.number, found.kind, found.xmp, found.iso) == (2, GAIN_MAP, b"<x/>", held[:21])
+    for length in range(len(data)):
+        auxiliary_items(io.BytesIO(data[:length]))

@@ -1,11 +1,14 @@
 """HDR photos stay HDR: their gain maps are warped as the pixels are, and are found again where they were."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 import pyvips
 
 import unshutter
+from support.camera_files import heic
 from support.covering import covering
 from support.drawn_photos import encoded
 from support.frame_pairs import Scene
@@ -18,6 +21,7 @@ from support.gain_maps import (
     light_of,
     pictures_of,
     pixels_of,
+    scene,
     segment,
     segments_of,
     with_segments,
@@ -29,6 +33,7 @@ from unshutter.motion.warp import straighten
 from unshutter.options import Save
 from unshutter.photo.formats import WRITTEN
 from unshutter.photo.saving import encode_with_parts
+from unshutter.run.inputs import usual_format
 
 HEIGHT, WIDTH = 240, 320
 MOTION = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], HEIGHT, WIDTH)
@@ -137,8 +142,8 @@ def test_the_inventory_names_its_fate_and_other_formats_say_what_is_lost() -> No
 def test_a_damaged_map_costs_only_the_map(of_map: bytes | None) -> None:
     data = hdr_photo()
     base, gain_map = pictures_of(data)
-    if of_map is None:  # larger than the photo
-        large = encoded(np.zeros((HEIGHT + 1, WIDTH), np.uint8), "JPEG")
+    if of_map is None:  # more than twice as large as the photo
+        large = encoded(np.zeros((2 * HEIGHT + 1, WIDTH), np.uint8), "JPEG")
         of_map = with_segments(large, segment(0xE1, XMP_PREFIX + OF_MAP))
     else:
         of_map = gain_map[: len(gain_map) // 2] + b"\xff\xd9"
@@ -201,3 +206,28 @@ def test_frames_of_a_sequence_keep_their_maps() -> None:
         base, gain = (pixels_of(each) for each in pictures_of(file.data))  # the map is a copy of the picture
         small = cv2.resize(base[..., 1], gain.shape[::-1], interpolation=cv2.INTER_AREA)
         assert np.abs(small.astype(float) - gain)[4:-4, 8:-8].mean() < 3
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_heic_gives_its_map_to_a_jpeg(orientation: int, tmp_path: Path) -> None:
+    base, gain = scene(HEIGHT, WIDTH)
+    shown = np.dstack([base, np.round(gain / STOPS * 255).astype(np.uint8)])
+    data = heic(shown, orientation).replace(b"urn:mpeg:hevc:2015:auxid:1", b"urn:com:a:2020::hdrgainmap")
+    photo = Photo.from_bytes(data)
+    assert photo.orientation == orientation and photo.bands == 3
+    motion = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], photo.height, photo.width)
+    result = rectify(photo, motion=motion, edges="fill")
+    assert result.encode().left_out == () and result.encode("avif").left_out == SDR
+    second = pictures_of(result.bytes)[1]
+    exact = rectify(
+        photo.with_pixels(np.array(photo.auxiliaries.pictures[0].stored.pixels())), motion=motion, edges="fill"
+    )
+    assert np.abs(pixels_of(second).astype(float) - exact.array).mean() < 1.5
+    assert b"hdrgainmap" in segments_of(second)[0]
+    before, after = (Photo.from_bytes(each) for each in (data, result.bytes))
+    assert after.orientation == before.orientation and after.format == "jpeg"
+    path = tmp_path / "a.heic"
+    path.write_bytes(data)
+    assert usual_format(path) == "jpeg" and Photo.open(path).usual_format == "jpeg"
+    path.write_bytes(heic(base))
+    assert usual_format(path) is None and Photo.open(path).usual_format == "avif"

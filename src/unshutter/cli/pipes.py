@@ -18,7 +18,7 @@ from unshutter.errors import UnshutterError, UsageError, stand_ins
 from unshutter.frames.pyav import VIDEO_FORMATS, av, open_to_read
 from unshutter.photo.decoder import recognise
 from unshutter.photo.libvips import Source
-from unshutter.run.inputs import picture_name, unchanged_name, video_name
+from unshutter.run.inputs import picture_name, unchanged_name, usual_format, video_name
 
 PIPE = "-"
 _INPUT = "standard input"
@@ -78,7 +78,7 @@ class Pipes:
 
     def name_results(self, source: Path, format: str | None = None, keep: bool = False) -> None:
         """Makes messages call a photo's results in :attr:`results` "standard output"."""
-        for name in (picture_name(source, format, keep), unchanged_name(source, format, keep)):
+        for name in (picture_name(source, format or usual_format(source), keep), unchanged_name(source, format, keep)):
             stand_ins[str(self.results / name)] = _OUTPUT
 
     def name_video(self, source: Path) -> Path:

@@ -220,7 +220,7 @@ class Save:
 
     format: PictureFormat | None = option(
         None,
-        f"File format of the results. Default: same as the photo; {_FOR_READ_ONLY} files.",
+        f"File format of the results. Default: same as the photo; {_FOR_READ_ONLY} files (HEIC with a gain map: JPEG).",
         also={"jpg": "jpeg", "tif": "tiff"},
     )
     quality: int | None = option(

@@ -180,7 +180,7 @@ async def _picture(request: Request) -> Response:
     options = _photo_options(request)
     name = open_file.name
     format = options.save.format
-    names = [photo_result(name, format), unchanged_name(PurePosixPath(name), format)]
+    names = [photo_result(open_file, format), unchanged_name(PurePosixPath(name), format)]
     token = secrets.token_hex(6)
     targets = [
         open_file.path.with_name(f"{what}-{token}{PurePosixPath(name).suffix}")

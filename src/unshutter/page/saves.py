@@ -23,7 +23,7 @@ from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions, refusal
 from unshutter.page.store import OpenFile, Refused, ServerState, Urgency
 from unshutter.reasons import JsonObject
-from unshutter.run.inputs import MOST_BYTES, fitting, picture_name, unchanged_name, video_name
+from unshutter.run.inputs import MOST_BYTES, fitting, picture_name, unchanged_name, usual_format, video_name
 
 Destination: TypeAlias = Literal["file", "zip"]
 Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and its options
@@ -110,7 +110,7 @@ class Saving:
                 name = open_file.name
                 format = options.save.format
                 unchanged = None if self.only_changed else self._free_name(unchanged_name(PurePosixPath(name), format))
-                places = self._free_name(photo_result(name, format)), unchanged
+                places = self._free_name(photo_result(open_file, format)), unchanged
                 report = await state.workers.do(Urgency.LATER, photo_jobs.save, open_file, *places, options)
         except UnshutterError as error:
             return refusal(error)
@@ -214,12 +214,12 @@ def _move_into_zip(file: Path, packed: Path) -> None:
 # ---- names of files -------------------------------------------------------------------------------------------
 
 
-def photo_result(name: str, format: str | None) -> str:
+def photo_result(open_file: OpenFile, format: str | None) -> str:
     """Returns the name of a photo's result, as on the command line: ``street.rectified.jpg``, or of another format."""
-    pure = PurePosixPath(name)
+    pure = PurePosixPath(open_file.name)
     if of_suffix(pure.suffix) is None and format is None:
-        raise UsageError(f"the name '{name}' has no extension of a picture format: choose a format")
-    return picture_name(pure, format)
+        raise UsageError(f"the name '{pure}' has no extension of a picture format: choose a format")
+    return picture_name(pure, format or usual_format(open_file.path))
 
 
 def clip_result(name: str) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -22,14 +23,15 @@ from unshutter.photo import exif
 from unshutter.photo.chunks import APP0, APP1, APP2, APP14, COMMENT, before_the_scan, encoded_segment
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.libvips import Source, as_image, computed, refusing
-from unshutter.photo.parts import DEPTH_MAP
+from unshutter.photo.parts import DEPTH_MAP, GAIN_MAP
 
 if TYPE_CHECKING:
     import numpy as np
 
 LIST_PREFIX = b"MPF\0"
 ISO_PREFIX = b"urn:iso:std:iso:ts:21496"  # of the segment that says that there is a gain map, or what it means
-_QUALITY = 95  # of results, at least: an error of a hundredth of a stop
+_LARGEST = 2  # times the photo's sides: a larger one is malicious
+_QUALITY = 90  # of results: adds a thousandth of a stop to the mean error
 # markers of its metadata; APP14 describes its coding
 _KEPT = (*(marker for marker in range(APP0, APP0 + 16) if marker != APP14), COMMENT)
 _FIRST, _UNDEFINED = 0x030000, 0  # kinds of pictures in CIPA's list
@@ -43,8 +45,8 @@ class Stored(Protocol):
         """Returns its metadata as segments of a JPEG: marker and content."""
         ...
 
-    def pixels(self, height: int, width: int) -> np.ndarray:
-        """Decodes it: [h, w, bands] uint8, not larger than its photo of height x width; raises UnshutterError."""
+    def pixels(self) -> np.ndarray:
+        """Decodes it: [h, w, bands] uint8; raises UnshutterError."""
         ...
 
     def file(self) -> bytes | None:
@@ -71,10 +73,10 @@ class AuxiliaryPicture:
         stored = self.stored.file()
         if self.new_pixels is None and stored is not None:
             return stored
-        assert self.new_pixels is not None
-        height, width = self.new_pixels.shape[:2]
+        pixels = self.stored.pixels() if self.new_pixels is None else self.new_pixels
+        height, width = pixels.shape[:2]
         with refusing("cannot encode the " + self.name):
-            coded = as_image(self.new_pixels).jpegsave_buffer(Q=_QUALITY, subsample_mode="off", keep=0)
+            coded = as_image(pixels).jpegsave_buffer(Q=_QUALITY, subsample_mode="off", keep=0)
         metadata = b"".join(
             encoded_segment(marker, exif.with_size(content, height, width) if _is_exif(marker, content) else content)
             for marker, content in self.stored.segments()
@@ -94,11 +96,27 @@ class Auxiliaries:
     segments: tuple[bytes, ...] = ()  # contents of APP2 of the photo that say that there is a gain map (ISO)
     list_order: str = ""  # byte order of CIPA's list, as for struct; empty if there is none
 
+    @property
+    def has_gain_map(self) -> bool:
+        """Whether they include a gain map, which makes the photo HDR."""
+        return any(each.name == GAIN_MAP for each in self.pictures)
+
     def rendered(self, new_pixels: Sequence[np.ndarray | None]) -> Auxiliaries | None:
         """Returns those of a result, given their pixels or None; None if none is left."""
         pairs = zip(self.pictures, new_pixels, strict=True)
         pictures = tuple(replace(each, new_pixels=new) for each, new in pairs if new is not None)
         return replace(self, pictures=pictures) if pictures else None
+
+    def readable(self) -> Auxiliaries | None:
+        """Returns those that can be written as JPEGs; None if none can."""
+        pictures = []
+        for each in self.pictures:
+            with suppress(UnshutterError):  # the photo is good without it
+                _ = each.file
+                pictures.append(each)
+        if len(pictures) == len(self.pictures):
+            return self
+        return replace(self, pictures=tuple(pictures)) if pictures else None
 
     def listed(self, at: int, length: int) -> bytes:
         """Returns CIPA's list as a segment at a position in the photo, which has a length without it [bytes]."""
@@ -127,6 +145,7 @@ class StoredJpeg(NamedTuple):
     source: Source
     at: int
     length: int
+    photo_size: tuple[int, int]  # height and width [px]
 
     def file(self) -> bytes:
         """See Stored."""
@@ -141,15 +160,15 @@ class StoredJpeg(NamedTuple):
         """See Stored."""
         return list(before_the_scan(io.BytesIO(self.file()), _KEPT))
 
-    def pixels(self, height: int, width: int) -> np.ndarray:
+    def pixels(self) -> np.ndarray:
         """See Stored."""
-        return decoded(Source(self.file()), "jpegload", height, width)
+        with refusing("the auxiliary picture is damaged"):
+            image = Source(self.file()).load("jpegload", access="sequential", fail_on="warning")
+            check_auxiliary(image.height, image.width, image.bands, self.photo_size)
+            return computed(image)
 
 
-def decoded(source: Source, loader: str, height: int, width: int) -> np.ndarray:
-    """Decodes an auxiliary picture, see Stored."""
-    with refusing("the auxiliary picture is damaged"):
-        image = source.load(loader, access="sequential", fail_on="warning")
-        if image.height > height or image.width > width or image.format != "uchar" or image.bands not in (1, 3):
-            raise UnshutterError("the auxiliary picture is unusual")
-        return computed(image)
+def check_auxiliary(height: int, width: int, bands: int, photo_size: tuple[int, int]) -> None:
+    """Raises UnshutterError for a size or a number of channels that no auxiliary picture has."""
+    if height > _LARGEST * photo_size[0] or width > _LARGEST * photo_size[1] or bands not in (1, 3):
+        raise UnshutterError("the auxiliary picture is unusual")

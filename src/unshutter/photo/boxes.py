@@ -21,7 +21,7 @@ from unshutter.inventory import Fate
 from unshutter.orientation import Orientation
 from unshutter.photo.code_points import light_in_boxes
 from unshutter.photo.libvips import Source
-from unshutter.photo.parts import OTHER, PICTURES, Found, of_coding, purpose
+from unshutter.photo.parts import GAIN_MAP, OTHER, PICTURES, Found, further_picture, of_coding, purpose
 
 _HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a 64-bit size
 _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
@@ -174,8 +174,9 @@ def _associations(ipma: bytes, item: int) -> list[int]:
 # ---- items ---------------------------------------------------------------------------------------------
 
 _MOST_ITEMS = 10_000
+_LONGEST_ITEM = 60_000  # bytes of metadata about an auxiliary picture, which must fit a segment of a JPEG
 _XMP = b"application/rdf+xml"
-_OTHER_ITEMS = {b"tmap": "gain map", b"iptc": "IPTC", b"rgan": "regions", b"uri ": OTHER, b"mime": OTHER}
+_OTHER_ITEMS = {b"tmap": GAIN_MAP, b"iptc": "IPTC", b"rgan": "regions", b"uri ": OTHER, b"mime": OTHER}
 _VIDEOS = (b"moov", b"mpvd")
 _STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
 _CREDENTIALS = bytes.fromhex("d8fec3d61b0e483c92975828877ec481")  # identifier of a box (C2PA)
@@ -205,7 +206,7 @@ def _auxiliaries(meta: dict[bytes, bytes]) -> Iterator[Found]:
     for name, data in inside(properties):
         if name == b"auxC":
             words = purpose(data[4:].partition(b"\0")[0])
-            yield of_coding("transparency") if words == "" else Found(words or OTHER)
+            yield of_coding("transparency") if words == "" else further_picture(words or OTHER)
 
 
 def _items(meta: dict[bytes, bytes]) -> Iterator[Found]:
@@ -225,13 +226,63 @@ def _items(meta: dict[bytes, bytes]) -> Iterator[Found]:
         elif kind == b"mime" and data[at + 4 :].split(b"\0")[1:2] == [_XMP]:
             yield Found("XMP", 0, "xmp", Fate.REPLACED)
         elif kind in _OTHER_ITEMS:
-            yield Found(_OTHER_ITEMS[kind])
+            yield further_picture(_OTHER_ITEMS[kind])
         elif number in parts or data[3] & 1:
             yield of_coding("picture")
         elif number in thumbnails:
             yield of_coding("thumbnail")
         elif number not in auxiliaries:
             yield Found(PICTURES)
+
+
+class AuxiliaryItem(NamedTuple):
+    """An auxiliary picture of the primary picture."""
+
+    number: int
+    kind: str  # its type (property auxC)
+    orientation: Orientation  # transformation that decoders apply to it
+    xmp: bytes | None  # XMP about it
+    iso: bytes | None  # what a gain map means, as ISO 21496-1 says it (content of the item tmap)
+
+
+def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
+    """Lists the auxiliary pictures of the primary picture; none if the file is damaged."""
+    try:
+        meta = in_meta(file)
+        iprp = dict(inside(meta[b"iprp"]))
+        properties = list(inside(iprp[b"ipco"]))
+        references = list(_references(meta.get(b"iref", bytes(4))))
+        entries = [(entry, *_number_of(entry)) for entry in islice(item_entries(meta[b"iinf"]), _MOST_ITEMS)]
+        kinds = {number: entry[at : at + 4] for entry, number, at in entries}
+        primary = _primary(meta)
+        found = []
+        for number in (item for kind, item, to in references if kind == b"auxl" and primary in to):
+            own = dict(properties[i - 1] for i in _associations(iprp[b"ipma"], number) if i)
+            about = {kinds.get(item): item for kind, item, to in references if kind == b"cdsc" and number in to}
+            tone = {kinds.get(item): item for kind, item, to in references if kind == b"dimg" and to[1:] == (number,)}
+            xmp, iso = (
+                None if item is None else _content(file, meta, item) for item in (about.get(b"mime"), tone.get(b"tmap"))
+            )
+            kind = own.get(b"auxC", bytes(4))[4:].partition(b"\0")[0].decode(errors="replace")
+            found.append(AuxiliaryItem(number, kind, _orientation(own), xmp, iso))
+    except (KeyError, IndexError, struct.error):
+        return []
+    return found
+
+
+def has_gain_map(file: BinaryIO) -> bool:
+    """Whether the primary picture has a gain map."""
+    return any(purpose(each.kind.encode()) == GAIN_MAP for each in auxiliary_items(file))
+
+
+def _content(file: BinaryIO, meta: dict[bytes, bytes], item: int) -> bytes | None:
+    """Returns the content of an item of metadata; None if it is fragmented or long."""
+    in_file = _extent_of(meta[b"iloc"], item, 0)
+    if in_file is not None:
+        file.seek(in_file.at)
+        return file.read(in_file.length) if in_file.length <= _LONGEST_ITEM else None
+    in_box = _extent_of(meta[b"iloc"], item, 0, method=1)
+    return None if in_box is None else meta[b"idat"][in_box.at : in_box.at + in_box.length]
 
 
 def item_entries(iinf: bytes) -> Iterator[bytes]:
@@ -280,8 +331,11 @@ def extent(file: BinaryIO, kind: bytes) -> Extent | None:
         return None
 
 
-def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
-    """Finds the position of an item in the box iloc; raises IndexError if that is damaged."""
+def _extent_of(iloc: bytes, item: int, iloc_at: int, method: int = 0) -> Extent | None:
+    """Finds the position of an item in the box iloc; raises IndexError if that is damaged.
+
+    It is counted from the start of the file (method 0) or of the box idat (1).
+    """
     version = iloc[0]
     sizes = iloc[4]
     more_sizes = iloc[5]
@@ -296,7 +350,7 @@ def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
 
     for _ in range(min(number(4 if version == 2 else 2), _MOST_ITEMS)):
         own = number(4 if version == 2 else 2)
-        in_file = version == 0 or number(2) & 15 == 0  # otherwise relative to another box
+        is_there = (number(2) & 15 if version else 0) == method
         number(2)  # number of the file that contains it: this one
         base = number(more_sizes >> 4)
         pieces = number(2)
@@ -305,7 +359,7 @@ def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
             numbers_at = iloc_at + stream.tell()
             offset = number(sizes >> 4)
             length = number(sizes & 15)
-            if own == item and in_file and pieces == 1:
+            if own == item and is_there and pieces == 1:
                 return Extent(base + offset, length, base, numbers_at, sizes == 0x44)
             if own == item:
                 return None

@@ -60,7 +60,12 @@ def lost(names: Iterable[str]) -> Iterator[Part]:
 _PURPOSES = (
     (re.compile(rb":auxid:1$|auxiliary:alpha"), ""),  # transparency, which is kept
     (re.compile(rb"hdr-?gain-?map|hdrgm:|hdr-gain-map|iso:ts:21496"), GAIN_MAP),
-    (re.compile(rb":auxid:2$|auxiliary:depth|aux:(depth|disparity)|gdepth|depthmap"), DEPTH_MAP),
+    (
+        re.compile(
+            rb":auxid:2\b|auxiliary:depth|aux:(depth|disparity)|imagetype\W{1,4}(depth|disparity)|gdepth|depthmap"
+        ),
+        DEPTH_MAP,
+    ),
     (re.compile(rb"aux:\w*matte"), MATTES),
 )
 

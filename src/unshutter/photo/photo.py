@@ -12,7 +12,8 @@ from typing import IO, TYPE_CHECKING, BinaryIO, TypeAlias, cast
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.inventory import Part
-from unshutter.options import MAX_PIXELS, Save
+from unshutter.options import MAX_PIXELS, PictureFormat, Save
+from unshutter.options.picture_formats import BY_NAME
 from unshutter.orientation import Orientation
 from unshutter.photo import attitude, decoder, exif, exposure, readout_times, regions, saving
 from unshutter.photo.arrays import is_pillow, pixels_of
@@ -342,6 +343,13 @@ class Photo(FileOutput):
         return attitude.of_photo(metadata.exif, metadata.xmp, Orientation(self.orientation), self.height, self.width)
 
     # ---- writing ---------------------------------------------------------------------------------------
+
+    @property
+    def usual_format(self) -> PictureFormat:
+        """The format in which it is written if none is asked for, its own if that can be written."""
+        if self.format == "heic" and self.auxiliaries is not None and self.auxiliaries.has_gain_map:
+            return "jpeg"
+        return "png" if self.format == "array" else BY_NAME[self.format].written_as
 
     @property
     def times_ns(self) -> Times:

@@ -14,7 +14,6 @@ from unshutter.errors import UnshutterError
 from unshutter.inventory import Part, left_out
 from unshutter.options import PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
-from unshutter.options.picture_formats import BY_NAME
 from unshutter.orientation import Orientation
 from unshutter.photo import chunks, exif, xmp
 from unshutter.photo.code_points import CodePoints, for_screen
@@ -54,6 +53,11 @@ class FileOutput(ABC):
     def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, list[Part]]:
         """Returns the picture as a format can hold it, and what becomes of the parts of its file."""
 
+    @property
+    @abstractmethod
+    def usual_format(self) -> PictureFormat:
+        """The format in which it is written if none is asked for."""
+
     def to_bytes(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> bytes:
@@ -61,7 +65,7 @@ class FileOutput(ABC):
 
         Args:
             format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default
-                (PNG for arrays, AVIF for HEIC, TIFF for raw).
+                (PNG for arrays, TIFF for raw, AVIF for HEIC but JPEG if it has a gain map).
             quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80 (HDR: 90).
             subsampling: chroma subsampling of JPEG and AVIF, ``4:4:4`` (none) or ``4:2:0``; by default like the input's
                 (4:4:4 for anything in between).
@@ -73,8 +77,7 @@ class FileOutput(ABC):
     ) -> Encoded:
         """Encodes the photo like :meth:`to_bytes`, and names the metadata that the format cannot hold."""
         save = from_keywords(Save, {"format": format, "quality": quality, "subsampling": subsampling})
-        own = "png" if self.format == "array" else BY_NAME[self.format].written_as
-        target = WRITTEN[save.format or own]
+        target = WRITTEN[save.format or self.usual_format]
         data, parts = encode_with_parts(self, target, save)
         return Encoded(data, tuple(left_out(parts)))
 
@@ -178,6 +181,9 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     """Returns metadata that match the pixels; what is lost in this is among the parts."""
     image = picture.image
     metadata = picture.metadata
+    if metadata.auxiliaries is not None and "auxiliaries" in format.holds:
+        readable = metadata.auxiliaries.readable()
+        metadata = metadata if readable is metadata.auxiliaries else metadata.with_auxiliaries(readable)
     orientation = picture.orientation
     found = metadata.found
     packet = metadata.xmp

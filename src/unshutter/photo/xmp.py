@@ -54,6 +54,9 @@ _ATTRIBUTE = re.compile(rb"""\s*([^\s=/>]+)\s*=\s*("[^"]*"|'[^']*')""")
 _TAG_END = re.compile(rb"\s*(/?)>")
 
 
+_RDF = NAMESPACES["rdf"].encode()
+
+
 class UnreadableError(Exception):
     """A packet that is not well-formed, or too dangerous to read."""
 
@@ -227,6 +230,7 @@ _DIRECTORY = "Container:Directory"
 _SEMANTIC = "Item:Semantic"
 _LENGTH = "Item:Length"
 _PADDING = "Item:Padding"
+_MIME = "Item:Mime"
 _OLD_VIDEO_LENGTH = "GCamera:MicroVideoOffset"  # relative to the end of the file
 
 
@@ -310,6 +314,9 @@ def _update_contents(packet: Packet, directory: Element, picture: NextPicture) -
         if meaning != "Primary" and not (meaning == "MotionPhoto" and video is not None) and following is None:
             packet.remove(item)
             continue
+        mime = _property(item, _MIME)
+        if mime is not None and packet.text(mime).startswith("image/"):
+            packet.set_text(mime, "image/jpeg")  # it may come from a HEIC
         length = _property(item, _LENGTH)
         if following is not None and length is not None:
             packet.set_number(length, following[1])
@@ -339,6 +346,14 @@ def video_bytes(packet: bytes | None) -> int | None:
         if length is None:
             length = _integer(_text_of(read, element, _OLD_VIDEO_LENGTH))
     return length
+
+
+def with_description(packet: bytes | None, attributes: bytes, content: bytes = b"") -> bytes:
+    """Adds properties to a packet, as attributes with their namespaces, and as elements."""
+    packet = packet or b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="%s"/></x:xmpmeta>' % _RDF
+    added = b'<rdf:Description xmlns:rdf="%s" rdf:about="" %s>%s</rdf:Description>' % (_RDF, attributes, content)
+    packet = re.sub(rb"<(\w+:RDF)\b([^>]*)/>", rb"<\1\2></\1>", packet, count=1)
+    return re.sub(rb"(</\w+:RDF\s*>)", added.replace(b"\\", rb"\\") + rb"\1", packet, count=1)
 
 
 def lost(packet: bytes, has_video: bool, has_auxiliaries: bool) -> Iterator[Found]:

@@ -47,7 +47,7 @@ def sampled_auxiliaries(
     new_pixels = []
     for each in photo.auxiliaries.pictures:
         try:
-            pixels = scan_direction.to_scan_frame(each.stored.pixels(photo.height, photo.width))
+            pixels = scan_direction.to_scan_frame(each.stored.pixels())
         except UnshutterError:  # the photo is good without it
             new_pixels.append(None)
             continue

@@ -7,13 +7,15 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path, PurePath, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.pyav import VIDEO_FORMATS
-from unshutter.options.picture_formats import BY_NAME, SEVERAL_PICTURES, SUFFIXES, in_words, of_suffix
+from unshutter.options.picture_formats import BY_NAME, SEVERAL_PICTURES, SUFFIXES, PictureFormat, in_words, of_suffix
+from unshutter.photo.boxes import has_gain_map
 from unshutter.photo.embedded_video import videos_beside
 from unshutter.storage.locations import is_folder, names_below
 from unshutter.storage.objects import is_object, path_of
@@ -123,7 +125,8 @@ def picture_name(photo: PurePath, format: str | None = None, keep: bool = False)
 
     A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``, because cameras write
     ``a.jpg`` next to it; a name that is kept changes its extension, ``a.heic`` -> ``a.avif``. Read-only formats have an
-    output format by default. A photo that is itself a result gets a number: ``a.rectified-2.jpg``.
+    output format by default, see :func:`usual_format`. A photo that is itself a result gets a number:
+    ``a.rectified-2.jpg``.
     """
     own = of_suffix(photo.suffix)
     kind = format or (own.written_as if own else "")
@@ -132,6 +135,18 @@ def picture_name(photo: PurePath, format: str | None = None, keep: bool = False)
     if keep:
         return photo.name if same else f"{photo.stem}{suffix}"
     return _marked(photo, photo.stem if same else photo.name, suffix)
+
+
+def usual_format(photo: Path) -> PictureFormat | None:
+    """Returns the format of a photo's result if none is asked for; None if its name tells.
+
+    A HEIC with a gain map becomes a JPEG: its results then are HDR, which an AVIF would lose.
+    """
+    own = of_suffix(photo.suffix)
+    if own is not None and own.name == "heic" and not is_object(photo):
+        with suppress(OSError), photo.open("rb") as file:
+            return "jpeg" if has_gain_map(file) else None
+    return None
 
 
 def unchanged_name(photo: PurePath, format: str | None = None, keep: bool = False) -> str:

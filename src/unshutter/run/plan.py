@@ -19,7 +19,7 @@ from unshutter.frames.pyav import VIDEO_FORMATS
 from unshutter.options import Rectify, Run, model_for
 from unshutter.options.picture_formats import OTHER_PICTURES, SUFFIXES, of_suffix
 from unshutter.photo.formats import of_target
-from unshutter.run.inputs import Inputs, motion_name, picture_name, unchanged_name
+from unshutter.run.inputs import Inputs, motion_name, picture_name, unchanged_name, usual_format
 from unshutter.run.job import Job
 from unshutter.run.manifest import NAME, Manifest
 from unshutter.single.register import check_name, weights_file
@@ -204,7 +204,10 @@ def _check_request(request: Rectify, inputs: Inputs, into: Outputs, run: Run) ->
 
 def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[Job]:
     """Creates a job for each photo."""
-    rectified = partial(picture_name, format=request.save.format, keep=request.save.keep_names)
+
+    def rectified(photo: Path) -> str:
+        return picture_name(photo, request.save.format or usual_format(photo), request.save.keep_names)
+
     unchanged: dict[Path, Path] = {}
     if into.pictures is not None:
         pictures = _plan_targets(inputs, into.pictures, rectified)

@@ -14,12 +14,14 @@ import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, final
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter import version
 from unshutter.errors import UnshutterError
-from unshutter.photo import boxes, code_points, exif
+from unshutter.photo import boxes, code_points, exif, xmp
+from unshutter.photo.auxiliary_pictures import ISO_PREFIX, Auxiliaries, AuxiliaryPicture, check_auxiliary
 from unshutter.photo.box_properties import state_colours
+from unshutter.photo.chunks import APP1, APP2, XMP_PREFIX
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata, Picture, WrittenFormat
@@ -33,7 +35,7 @@ from unshutter.photo.libvips import (
     standard,
     threads,
 )
-from unshutter.photo.parts import DAMAGED, without
+from unshutter.photo.parts import DAMAGED, purpose, without
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,6 +44,16 @@ if TYPE_CHECKING:
 
 
 _HDR_QUALITY = 90  # usual one: screens stretch the code values of PQ's darker half
+_ISO_IN_JPEG = b":-1\0"
+# attributes and content of XMP that lists a gain map, whose length is filled in when it is written (Ultra HDR)
+_LISTED = (
+    b'xmlns:Container="http://ns.google.com/photos/1.0/container/" '
+    b'xmlns:Item="http://ns.google.com/photos/1.0/container/item/"',
+    b'<Container:Directory><rdf:Seq><rdf:li rdf:parseType="Resource"><Container:Item Item:Semantic="Primary" '
+    b'Item:Mime="image/jpeg"/></rdf:li><rdf:li rdf:parseType="Resource"><Container:Item Item:Semantic="GainMap" '
+    b'Item:Mime="image/jpeg" Item:Length="0"/></rdf:li></rdf:Seq></Container:Directory>',
+)
+_VERSION = b' xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" hdrgm:Version="1.0"'
 _THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
 
 
@@ -170,6 +182,7 @@ class Heic(Format):
             xmp=bytes(packet) if packet else None,
             found=found,
         ).without_exif_loop()
+        metadata = _with_auxiliaries(metadata, source, (height, width))
         coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
         return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)
 
@@ -183,6 +196,61 @@ class Heic(Format):
         if pixels.shape != (header.height, header.width, header.bands):
             raise UnshutterError("{photo} is damaged: its headers do not match its picture", photo=source)
         return pixels
+
+
+class _StoredItem(NamedTuple):
+    """An auxiliary picture of a HEIC."""
+
+    source: Source
+    item: boxes.AuxiliaryItem
+    photo_size: tuple[int, int]
+
+    def file(self) -> None:
+        """See Stored."""
+
+    def segments(self) -> list[tuple[int, bytes]]:
+        """See Stored. XMP gets the type of the picture, as in Apple's JPEGs."""
+        item = self.item
+        packet = item.xmp
+        if b"hdrgm:" not in (packet or b"") and item.iso is None and b"AuxiliaryImageType" not in (packet or b""):
+            told = b'xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/" apdi:AuxiliaryImageType="%s"'
+            packet = xmp.with_description(packet, told % item.kind.encode())
+        iso = [] if item.iso is None else [(APP2, ISO_PREFIX + _ISO_IN_JPEG + item.iso[1:])]
+        return [*([] if packet is None else [(APP1, XMP_PREFIX + packet)]), *iso]
+
+    @memory_returned()
+    def pixels(self) -> np.ndarray:
+        """See Stored."""
+        import numpy as np
+
+        try:
+            picture = _primary(self.source).get_aux_image(self.item.number)
+            height, width = self.item.orientation.size(*picture.size[::-1])
+            check_auxiliary(height, width, len(picture.mode.partition(";")[0]), self.photo_size)
+            pixels = np.array(picture)
+        except Exception as error:  # libheif's errors, in whichever class pi-heif raises them
+            raise UnshutterError("the auxiliary picture is damaged") from error
+        if pixels.dtype != np.uint8:
+            raise UnshutterError("the auxiliary picture is unusual")
+        return np.ascontiguousarray(self.item.orientation.stored(pixels.reshape(*pixels.shape[:2], -1)))
+
+
+def _with_auxiliaries(metadata: Metadata, source: Source, size: tuple[int, int]) -> Metadata:
+    """Returns the metadata with the auxiliary pictures of a HEIC, as a JPEG lists them."""
+    with source.stream() as stream:
+        items = [(purpose(item.kind.encode()), item) for item in boxes.auxiliary_items(stream)]
+    pictures = tuple(AuxiliaryPicture(name, _StoredItem(source, item, size)) for name, item in items if name)
+    if not pictures:
+        return metadata
+    names = {each.name for each in pictures}
+    found = (part._replace(held="auxiliaries") if part.name in names else part for part in metadata.found)
+    segments = tuple(ISO_PREFIX + _ISO_IN_JPEG + item.iso[1:5] for _, item in items if item.iso is not None)
+    packet = metadata.xmp
+    if any(b"hdrgm:" in (item.xmp or b"") for _, item in items) and b"Container:Directory" not in (packet or b""):
+        attributes, content = _LISTED
+        version_told = b"hdrgm:Version" in (packet or b"")
+        packet = xmp.with_description(packet, attributes + (b"" if version_told else _VERSION), content)
+    return replace(metadata, xmp=packet, found=tuple(found), auxiliaries=Auxiliaries(pictures, segments[:1], ">"))
 
 
 def _upright_pixels(source: Source) -> np.ndarray:

@@ -50,6 +50,7 @@ from unshutter.photo.parts import (
 
 if TYPE_CHECKING:
     import numpy as np
+    import pyvips
 
 
 # Warnings about JPEGs in which no pixels are missing and which all viewers display.
@@ -105,7 +106,7 @@ class Jpeg(WrittenFormat):
         image = picture_format.open_image(self, source)
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = _with_segments(picture_format.metadata_of(image), source, stream).without_exif_loop()
+            metadata = _with_segments(image, source, stream).without_exif_loop()
         return picture_format.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -174,7 +175,7 @@ class Jpeg(WrittenFormat):
 # ---- metadata ------------------------------------------------------------------------------------------
 
 
-def _with_segments(metadata: Metadata, source: Source, file: BinaryIO) -> Metadata:
+def _with_segments(image: pyvips.Image, source: Source, file: BinaryIO) -> Metadata:
     """Completes the metadata that libvips found in a JPEG with those that it loses or truncates, and lists its parts.
 
     These are EXIF (which libvips takes apart), XMP (of which it may take the extension), density, comments, Photoshop's
@@ -191,7 +192,7 @@ def _with_segments(metadata: Metadata, source: Source, file: BinaryIO) -> Metada
     packet = next((content.removeprefix(XMP_PREFIX) for content in _beginning(listed, APP1, XMP_PREFIX)), None)
     video = appended_video(file, xmp.video_bytes(packet))
     metadata = replace(
-        metadata,
+        picture_format.metadata_of(image),
         exif=next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None),
         xmp=packet,
         density=None if jfif is None else struct.unpack_from(">BHH", jfif, 7),
@@ -200,24 +201,26 @@ def _with_segments(metadata: Metadata, source: Source, file: BinaryIO) -> Metada
         video=video,
     )
     behind = list(_pictures_behind(file, listed, metadata))
-    metadata = replace(metadata, auxiliaries=_auxiliaries(source, behind, listed))
+    pictures = [
+        AuxiliaryPicture(part.name, StoredJpeg(source, at, part.size, (image.height, image.width)))
+        for part, at in behind
+        if part.held
+    ]
+    metadata = replace(metadata, auxiliaries=_auxiliaries(pictures, listed))
     found = [*_segments(listed, metadata), *(part for part, _ in behind)]
     if video is not None:
         found += [Found("film", video.taken_from, "video"), *map(Found, video.left_behind)]
     return replace(metadata, found=tuple(found))
 
 
-def _auxiliaries(
-    source: Source, behind: list[tuple[Found, int]], listed: list[tuple[int, bytes, int]]
-) -> Auxiliaries | None:
-    """Returns the auxiliary pictures among the parts behind the picture, given with their positions."""
-    pictures = [AuxiliaryPicture(part.name, StoredJpeg(source, at, part.size)) for part, at in behind if part.held]
+def _auxiliaries(pictures: list[AuxiliaryPicture], listed: list[tuple[int, bytes, int]]) -> Auxiliaries | None:
+    """Returns the auxiliary pictures of a JPEG, with what its segments say about them; None if there are none."""
     if not pictures:
         return None
     lists = _beginning(listed, APP2, LIST_PREFIX)
     order = "" if not lists else "<" if lists[0].startswith(LIST_PREFIX + b"II") else ">"
-    has_gain_map = any(each.name == GAIN_MAP for each in pictures)
-    return Auxiliaries(tuple(pictures), tuple(_beginning(listed, APP2, ISO_PREFIX)) if has_gain_map else (), order)
+    auxiliaries = Auxiliaries(tuple(pictures), tuple(_beginning(listed, APP2, ISO_PREFIX)), order)
+    return auxiliaries if auxiliaries.has_gain_map else replace(auxiliaries, segments=())
 
 
 def _beginning(listed: list[tuple[int, bytes, int]], marker: int, prefix: bytes) -> list[bytes]:
