@@ -239,6 +239,8 @@ class _Output:
             with part.open("r+b") as out:
                 light = light_boxes(self.clip, self.encoder.name)
                 mp4_writer.write_completed(frames_file, writer.covers, light, out)
+        if writer.has_dolby_vision:
+            yield Part("configuration of Dolby Vision", Fate.LEFT_OUT, "some players ignore the metadata without it")
         yield from clip_inventory.parts(source, str(part), writer.carried, writer.is_part)
 
 

@@ -131,7 +131,9 @@ def test_dolby_vision_of_a_picture_that_shows_itself_stays(tmp_path: Path, capsy
     assert config in out.read_bytes() and units_of(out, 62) == [rpu(k) for k in range(FRAMES)]
     assert "Dolby Vision (it describes the old frames)" in straightened(source, cut, capsys, "--edges", "crop")
     assert b"dvvC" not in cut.read_bytes() and units_of(cut, 62) == []
-    for path in (out, cut):
+    other = tmp_path / "out.mkv"  # written by FFmpeg
+    assert "not kept: configuration of Dolby Vision" in straightened(source, other, capsys)
+    for path in (out, cut, other):
         with av.open(str(path)) as clip:
             context = clip.streams.video[0].codec_context
             assert (context.color_primaries, context.color_trc, context.colorspace) == HLG[1:]

@@ -119,7 +119,7 @@ def _boxes(stream: BinaryIO, number: int, known: set[bytes]) -> Iterator[Part]:
             for track in (Track(inner) for kind, inner in inside(movie) if kind == b"trak"):
                 names += _unknown(track.content, _TRACK_BOXES, known)
                 if track.number == number:
-                    names += [kind for kind in mp4_film.carried(track, True) if kind not in _FFMPEGS]
+                    names += [kind for kind in mp4_film.carried(track) if kind not in _FFMPEGS]
         elif not _is_known(name, content, _BOXES, known):
             names.append(name)
     if names:

@@ -156,9 +156,9 @@ def _part_of(name: bytes, film: Track, dolby_vision: bool = False) -> Part:
     return _CODING.get(name, Part(f"description {words(name)} of the film", Fate.CARRIED))
 
 
-def carried(film: Track, dolby_vision: bool = False) -> list[bytes]:
-    """Returns the types of the boxes of the film's sample entry that do not depend on its coding, see :func:`parts`."""
-    return [name for name, _ in film.descriptions if _part_of(name, film, dolby_vision).fate is Fate.CARRIED]
+def carried(film: Track) -> list[bytes]:
+    """Returns the types of the boxes of the film's sample entry that do not depend on its coding."""
+    return [name for name, _ in film.descriptions if _part_of(name, film).fate is Fate.CARRIED]
 
 
 def kept(film: Track) -> set[bytes]:
