@@ -148,16 +148,16 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
         monkeypatch.setattr(module, name, lambda *given: asked.append(name) or real(*given))
 
     counted(questions, "sample_frames")
-    counted(gain, "gain_of_parts")
+    counted(gain, "motions_of_parts")
     usual = {"focal-px": str(clips.FOCAL)}  # half of a search is to find it
     clip_jobs.measure_readout_time(stored, read_clip(usual))
     clip_jobs.after(stored, read_clip(usual), 2, 320)
-    judged = ["sample_frames", "gain_of_parts"]
+    judged = ["sample_frames", "motions_of_parts"]
     result, expected = tmp_path / "saved.mkv", tmp_path / "expected.mkv"
     for flags, again in (
         ({"edges": "keep", "zoom-limit": "5", "stabilize": "2"}, []),
         ({"end": "0.8"}, judged),
-        ({"strength": "0.5"}, ["gain_of_parts"]),
+        ({"strength": "0.5"}, ["motions_of_parts"]),
         ({"strength": "0.5"}, []),
     ):
         asked.clear()

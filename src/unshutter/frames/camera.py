@@ -378,7 +378,10 @@ def padded_ends(
 
 
 def rotation_jacobian(
-    at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float, lens: Lens | None = None
+    at: Float64[np.ndarray, "*points 2"],
+    width: float,
+    focal_px: float | Float64[np.ndarray, "*#points 1"],
+    lens: Lens | None = None,
 ) -> Float64[np.ndarray, "*points 2 4"]:
     """Returns the displacement of points for a rotation of 1 / focal length about each axis, and for scale.
 

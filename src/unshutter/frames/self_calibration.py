@@ -28,7 +28,7 @@ from unshutter.frames.parallax import DEPTH
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
 from unshutter.motion.robust import CORRELATED
-from unshutter.motion.shapes import Float64, UInt8
+from unshutter.motion.shapes import Bool, Float64, UInt8
 from unshutter.options import USUAL_FOCAL
 from unshutter.progress import Count, uncounted
 from unshutter.readout_time import ReadoutRatio, ReadoutSource
@@ -203,11 +203,18 @@ def drift(pair: Tracks) -> float:
 
 def fewer(pair: Tracks, most: int = _FRAMES.most_tracks) -> Tracks:
     """Returns an even selection of a pair's tracks, of strong and weak corners; more would only cost time."""
-    if len(pair) <= most:
-        return pair
-    chosen = np.zeros(len(pair), bool)
-    chosen[np.linspace(0, len(pair) - 1, most).astype(int)] = True
-    return pair.only(chosen)
+    return pair if len(pair) <= most else pair.only(_evenly(len(pair), most))
+
+
+def others(pair: Tracks, most: int = _FRAMES.most_tracks) -> Tracks:
+    """Returns the tracks that :func:`fewer` leaves out: they have no part in a fit, and can check it."""
+    return pair.only(~_evenly(len(pair), min(most, len(pair))))
+
+
+def _evenly(count: int, most: int) -> Bool[np.ndarray, "count"]:
+    chosen = np.zeros(count, bool)
+    chosen[np.linspace(0, count - 1, most).astype(int)] = True
+    return chosen
 
 
 # ---- the focal length ------------------------------------------------------------------------------------

@@ -64,8 +64,6 @@ class CameraMotion:
     known_rotations: KnownRotations | None = None
     # whether the camera's rotation is estimated even if it is too small, or the shot too short, to be corrected
     whole_path: bool = False
-    # every so many tracks are kept out of the fit, to check it (:meth:`Tracks.split`); None: none are
-    keep_out: int | None = None
     lens: Lens | None = None  # the lens, if it bends straight lines; it tells the focal length
     # says why the next frames of a shot are left unchanged, by what was seen of it so far; None: nothing is asked
     check: Callable[[Shot], Reason | None] | None = None
@@ -166,7 +164,7 @@ class CameraMotion:
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """Returns the motion around the next frames of a shot, in addition to a gyro's; or why there is none."""
         pairs = shot.pairs[: shot.before + many + self.window.ahead - 1]
-        pairs = [fewer(pair if self.keep_out is None else pair.split(self.keep_out)[0]) for pair in pairs]
+        pairs = [fewer(pair) for pair in pairs]
         if not pairs:
             return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
         reason = self._too_little(shot)

@@ -75,11 +75,6 @@ class Tracks:
         last = np.array([self.width - 1, self.height - 1])
         return replace(self, start=last - self.start, end=last - self.end)
 
-    def split(self, every: int) -> tuple[Tracks, Tracks]:
-        """Splits off every n-th track, held out to check a fit; returns the others first."""
-        held_out = np.arange(len(self)) % every == 0
-        return self.only(~held_out), self.only(held_out)
-
 
 def follow(
     earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"], lens: Lens | None = None

@@ -57,6 +57,20 @@ def student_weights(
     return used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
 
 
+def student_weights_of_each(
+    squared: Float64[np.ndarray, "cases n"], used: Bool[np.ndarray, "cases n"], finest: float = 0.02, rounds: int = 3
+) -> Float64[np.ndarray, "cases n"]:
+    """Returns the :func:`student_weights` of some sets of points, each with a noise of its own."""
+    count = np.maximum(used.sum(axis=-1), 1)
+    noise = np.sqrt(median(np.where(used, squared, np.inf), count) / 1.4)[..., None]
+    for _ in range(rounds):
+        noise = np.maximum(noise, finest)
+        share = used * (_DEGREES + 2) / (_DEGREES + squared / noise**2)
+        noise = np.sqrt((share * squared).sum(axis=-1) / count / 2)[..., None]
+    noise = np.maximum(noise, finest)
+    return used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2
+
+
 def student_log_likelihoods(squared: Float64[np.ndarray, "*shape"], noise: float) -> Float64[np.ndarray, "*shape"]:
     """Returns the log probability of each point's distance under Student's t in two dimensions, up to a constant."""
     return -2 * np.log(noise) - (_DEGREES + 2) / 2 * np.log1p(squared / (_DEGREES * noise**2))

@@ -36,7 +36,8 @@ from unshutter.reasons import JsonObject
 
 # (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape as row
 RowRotation = Callable[[Array], tuple[Array, Array]]
-_SETTLED_PX = 1e-6  # size of a Newton step at convergence
+_SETTLED_PX = 1e-3  # size of the last Newton step but one: steps get quadratically smaller
+_STRAIGHT = 1e-3  # rad between rows; below this, an arc differs from its chord by 1e-7 rad
 _SMALL = 1e-4  # rad; below this, three terms of a series are exact to double precision
 
 
@@ -240,14 +241,20 @@ def row_rotation_from_samples(rotations: Float[Array, "rows 3 3"]) -> RowRotatio
     last = rotations.shape[0] - 1
     turns = rotation_vector(xp.matmul(rotations[1:], _transposed(rotations[:-1])))
     turns = xp.concat([turns, xp.zeros_like(rotations[:1, 0])])
+    steps = xp.concat([rotations[1:] - rotations[:-1], xp.zeros_like(rotations[:1])])
+    is_straight = xp is np and bool(xp.abs(turns).max() < _STRAIGHT)
 
     def row_rotation(v: Array) -> tuple[Array, Array]:
         inside = xp.clip(xp.where(xp.isnan(v), xp.zeros_like(v), v), 0, last)
         below = xp.astype(xp.clip(xp.floor(inside), 0, max(last - 1, 0)), xp.int64)
         rotation = turns[below]
-        on_the_way = rotation_matrix(rotation * (inside - xp.astype(below, v.dtype))[..., None])
+        share = (inside - xp.astype(below, v.dtype))[..., None]
         moving = xp.astype((v >= 0) & (v <= last), v.dtype)
-        return xp.matmul(on_the_way, rotations[below]), rotation * moving[..., None]
+        if is_straight:
+            matrices = rotations[below] + share[..., None] * steps[below]
+        else:
+            matrices = xp.matmul(rotation_matrix(rotation * share), rotations[below])
+        return matrices, rotation * moving[..., None]
 
     return row_rotation
 
@@ -378,7 +385,7 @@ class RotationMotion(Motion, kind="rotations"):
         """
         row = row_index(reference, self.height)
         if not self.rotations[row].any():
-            return replace(self, reference=reference)
+            return self if reference == self.reference else replace(self, reference=reference)
         rotations = rotation_vector(self._matrices @ self._matrices[row].T)
         rotations[row] = 0.0
         return replace(self, reference=reference, rotations=rotations)
@@ -398,7 +405,7 @@ class RotationMotion(Motion, kind="rotations"):
     def scaled(self, strength: float) -> RotationMotion:
         """Returns the motion with all rotation angles multiplied by ``strength``: 0 has no effect, 1 is this motion."""
         check_strength(strength)
-        return replace(self, rotations=self.rotations * strength)
+        return self if strength == 1 else replace(self, rotations=self.rotations * strength)
 
     # ---- file format -----------------------------------------------------------------------------------
 

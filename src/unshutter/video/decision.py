@@ -7,14 +7,14 @@ rendered (calibrate/scene_check.py).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.frame_motion import AT_REST
+from unshutter.frames.frame_motion import AT_REST, FrameMotion
 from unshutter.motion.shapes import Float64
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.readout_time import ReadoutSource, ReadoutTime
@@ -62,6 +62,7 @@ class RectifyFrames:
     motion: ClipMotion | None = None  # from a file; None: it is found in the frames
     sampled: SampledFrames | None = None  # frames whose corners were tracked for the decision
     focal_px: float | None = None  # focal length that was found for it [px of the frames]
+    motions: Mapping[float, FrameMotion] | None = None  # of all frames, by time [s], if that of all was found for it
 
 
 @dataclass(frozen=True)
@@ -116,11 +117,14 @@ def _by_frames(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames)
         if largest_px < least_px:
             return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(largest_px, 1), 0.1)), frames)
     reason = why_unfit(camera)
-    focal_px = None
     if reason is None and time.source is not ReadoutSource.GIVEN and gain.is_tested(request.options):
-        measured, reason = _measured(request, camera, sampled)
-        focal_px = measured.focal_px
-    return RectifyFrames(sampled=sampled, focal_px=focal_px) if reason is None else Leave(reason, frames)
+        measured, motions = _measured(request, camera, sampled)
+        reason = why_no_gain(measured)
+        if reason is None:
+            times_s = [frame.time_s for frame in sampled.frames]
+            by_time = None if motions is None else dict(zip(times_s, motions, strict=True))
+            return RectifyFrames(sampled=sampled, focal_px=measured.focal_px, motions=by_time)
+    return RectifyFrames(sampled=sampled) if reason is None else Leave(reason, frames)
 
 
 def _by_file(request: ClipRequest) -> tuple[ClipRequest, ClipCamera, Decision]:
@@ -165,16 +169,25 @@ def why_unfit(camera: ClipCamera) -> Reason | None:
 # ---- by what straightening gains -------------------------------------------------------------------------------
 
 
-def _measured(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> tuple[Gain, Reason | None]:
-    """Returns what a clip gains by some of its frames or, before it is left, by all; and why that is too little."""
+def _measured(
+    request: ClipRequest, camera: ClipCamera, sampled: SampledFrames
+) -> tuple[Gain, Sequence[FrameMotion] | None]:
+    """Returns what a clip gains by some of its frames or, before it is left, by all; and the motion of all or None."""
     known = camera.readout_time, camera.gyro and camera.gyro.rotations
-    is_short = sampled.is_whole and len(sampled.parts[0]) <= gain.ALL
-    if not is_short:
-        few = gain.gain_of_parts(request, *known, sampled.runs(gain.RUNS, gain.RUN))
-        if not sampled.is_whole or why_no_gain(few, _PARAMS.sure_of_few) is None:
-            return few, why_no_gain(few)
-    measured = gain.gain_of_parts(request, *known, sampled.parts, Stage.JUDGE if is_short else Stage.JUDGE_ALL)
-    return measured, why_no_gain(measured)
+    undo = request.options.undo
+    if not sampled.is_whole:
+        runs = sampled.runs(gain.RUNS, gain.RUN)
+        return Gain.of(gain.motions_of_parts(request, *known, runs), undo), None
+    is_long = len(sampled.parts[0]) > gain.ALL
+    stage = Stage.JUDGE_ALL if is_long else Stage.JUDGE
+    (motions,) = gain.motions_of_parts(request, *known, sampled.parts, stage)
+    every = None if request.clip.clock.repeats else motions  # repeated frames are not sampled
+    if is_long:
+        starts = np.linspace(0, len(motions) - gain.RUN, gain.RUNS).astype(int)
+        few = Gain.of([motions[k : k + gain.RUN] for k in starts], undo)
+        if why_no_gain(few, _PARAMS.sure_of_few) is None:
+            return few, every
+    return Gain.of([motions], undo), every
 
 
 def why_no_gain(measured: Gain, sure: float = _PARAMS.sure) -> Reason | None:

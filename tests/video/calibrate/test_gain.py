@@ -111,8 +111,8 @@ def told(monkeypatch):
     asked = tuple(short if each is questions.GAIN else each for each in questions.QUESTIONS)
     monkeypatch.setattr(questions, "QUESTIONS", asked)
     told: list[Gain] = []
-    measure = gain.gain_of_parts
-    monkeypatch.setattr(gain, "gain_of_parts", lambda *given: told.append(measure(*given)) or told[-1])
+    measure = Gain.of
+    monkeypatch.setattr(Gain, "of", lambda *given: told.append(measure(*given)) or told[-1])
     return told
 
 

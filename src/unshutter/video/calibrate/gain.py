@@ -1,4 +1,4 @@
-"""What undoing a clip's motion gains, measured on tracks that are held out of the fit.
+"""What undoing a clip's motion gains, measured on tracks that have no part in the fit, if there are enough.
 
 A global shutter's tracks between two frames follow the camera's rotation and a change of scale; what is left is wobble.
 Undoing the motion moves both ends of each track. If it moved as estimated, less is left. If it moved evenly, all frames
@@ -18,13 +18,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from unshutter.frames.camera import ROWS, track_jacobian
+from unshutter.frames.camera import ROWS, padded_ends, rotation_jacobian
 from unshutter.frames.frame_motion import AT_REST, FrameMotion
-from unshutter.frames.self_calibration import usual_focal
+from unshutter.frames.self_calibration import others, usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion
-from unshutter.motion.robust import student_weights, weighted_least_squares
-from unshutter.motion.shapes import Float64
+from unshutter.motion.robust import student_weights_of_each, weighted_least_squares
+from unshutter.motion.shapes import Bool, Float64
 from unshutter.motion.verdict import undone_part
 from unshutter.options.clip_options import ClipUndo, RectifyClip
 from unshutter.readout_time import ReadoutTime
@@ -36,7 +36,6 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage, Steps
 from unshutter.video.gyro.synchronisation import GyroRotations
 
-_HELD_OUT = 4  # every fourth track
 RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
 ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
 _MIN_TRACKS = 12  # tracks of a pair of frames that counts
@@ -145,34 +144,83 @@ class Gain:
         scatter = 1.4826 * float(np.median(np.abs(np.array(self.gains) - middle)))
         return middle, 1.2533 * scatter / len(self.gains) ** 0.5
 
-    def add(self, was: UndoneFrame | None, motion: FrameMotion, undo: ClipUndo) -> UndoneFrame:
-        """Adds a frame, and the pair of frames that it forms with the previous one; returns it, for the next call."""
-        now = UndoneFrame.of(motion, undo)
-        self.frames += 1
+    @classmethod
+    def of(cls, runs: Sequence[Sequence[FrameMotion]], undo: ClipUndo) -> Gain:
+        """Measures the gain in some series of consecutive frames."""
+        gain = cls(sum(map(len, runs)))
+        pairs: list[_Pair] = []
+        leans: list[tuple[int | None, Float64[np.ndarray, "2"]]] = []  # number of the pair that a frame ends; its lean
+        for run in runs:
+            was = None
+            for motion in run:
+                now = UndoneFrame.of(motion, undo)
+                gain._count(motion, now)
+                has_pair = was is not None and was.shot == motion.shot and motion.tracks is not None
+                leans.append((len(pairs) if has_pair else None, now.lean))
+                if was is not None and has_pair:
+                    pairs.append(_Pair.of(was, now, motion))
+                was = now
+        if pairs:
+            gain._compare(pairs, leans)
+        return gain
+
+    def _count(self, motion: FrameMotion, undone: UndoneFrame) -> None:
         self.short_side = min(motion.height, motion.width)
-        if now.reason is not None:
-            self.reasons[now.reason] += 1
-        if now.reason is None or now.reason.code in AT_REST:
-            self.displaced_px.append(float(np.abs(now.grid).max()))
-        if was is None or was.shot != motion.shot or motion.tracks is None:
-            self.steps.add(None, None, now.lean)
-            return now
+        if motion.fit is not None:
+            self.focal_px = motion.fit.focal_px * motion.height / ROWS
+        if undone.reason is not None:
+            self.reasons[undone.reason] += 1
+        if undone.reason is None or undone.reason.code in AT_REST:
+            self.displaced_px.append(float(np.abs(undone.grid).max()))
+
+    def _compare(self, pairs: Sequence[_Pair], leans: Sequence[tuple[int | None, Float64[np.ndarray, "2"]]]) -> None:
+        """Compares the tracks of all pairs before and after."""
+        first = pairs[0].before
+        self.steps.rows = min(first.height, first.width)
+        before = PairMotion.of([pair.before for pair in pairs])
+        after = PairMotion.of([pair.after for pair in pairs])
+        for number, lean in leans:
+            known = (None, None) if number is None else (before[number], after[number])
+            self.steps.add(*known, lean)
+        told = [pair for pair in pairs if pair.moves and len(pair.before) >= _MIN_TRACKS]
+        if not told:
+            return
+        focals = np.array([pair.focal for pair in told])
+        left, used = _left([_checking(pair.before) for pair in told], focals)
+        then, _ = _left([_checking(pair.after) for pair in told], focals)
+        weights = student_weights_of_each((left + then) / 2, used)
+        self.gains += (weights * (left - then)).sum(axis=1).tolist()
+        unit = TALL / ROWS * first.height / min(first.height, first.width)
+        sizes = [(_usual(a[use]), _usual(b[use])) for a, b, use in zip(left, then, used, strict=True)]
+        self.wobble_px += [(unit * was, unit * now) for was, now in sizes]
+        self.changes_px += [pair.change_px for pair in told]
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The tracks between two frames, before and after their motion is undone."""
+
+    before: Tracks
+    after: Tracks
+    focal: float  # px of ROWS rows
+    moves: bool  # whether the motion of either frame is undone
+    change_px: tuple[float, float]  # change of the displacement, and largest displacement [px of 1080 rows]
+
+    @classmethod
+    def of(cls, was: UndoneFrame, now: UndoneFrame, motion: FrameMotion) -> _Pair:
         tracks = motion.tracks
+        assert tracks is not None
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
-        self.steps.rows = min(tracks.height, tracks.width)
-        wobbling, steady = PairMotion.of([tracks, undone])
-        self.steps.add(wobbling, steady, now.lean)
-        tracks, undone = (each.split(_HELD_OUT)[1] for each in (tracks, undone))
-        if len(tracks) < _MIN_TRACKS or (now.reason and was.reason):
-            return now
         focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
-        left, after = (np.square(_left(each, focal)).sum(axis=1) for each in (tracks, undone))
-        self.gains.append(float(_weights((left + after) / 2) @ (left - after)))
-        unit = TALL / ROWS * tracks.height / min(tracks.height, tracks.width)
-        self.wobble_px.append((unit * _usual(left), unit * _usual(after)))
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
-        self.changes_px.append((float(np.abs(now.grid - was.grid).max()), largest))
-        return now
+        change = float(np.abs(now.grid - was.grid).max())
+        return cls(tracks, undone, focal, was.reason is None or now.reason is None, (change, largest))
+
+
+def _checking(tracks: Tracks) -> Tracks:
+    """Returns the tracks that had no part in the fit, or all if these are too few."""
+    apart = others(tracks)
+    return apart if len(apart) >= _MIN_TRACKS else tracks
 
 
 def _usual(squared: Float64[np.ndarray, "tracks"]) -> float:
@@ -189,39 +237,40 @@ def expected(request: ClipRequest, sampled: int, all_frames: float) -> dict[Stag
     """Returns how many items of its stages it takes to judge a clip; none if that is not done.
 
     Args:
-        sampled: number of frames that are judged first, unless they are more than enough.
-        all_frames: number of frames of the clip, times how likely all of them are asked.
+        sampled: number of frames whose motion is found first.
+        all_frames: number of frames of the clip, times how likely that of all of them is found afterwards.
     """
     is_judged = is_tested(request.options) and not request.options.shutter.states_time
-    first = min(sampled, ALL) if is_judged else 0
-    further = round(all_frames) if is_judged and request.frames > ALL else 0
-    return {Stage.JUDGE: SOLVED * first, Stage.JUDGE_ALL: SOLVED * further}
+    further = round(all_frames) if request.frames > ALL else 0
+    return {Stage.JUDGE: SOLVED * sampled * is_judged, Stage.JUDGE_ALL: SOLVED * further * is_judged}
 
 
-def gain_of_parts(
+def motions_of_parts(
     request: ClipRequest,
     time: ReadoutTime,
     gyro_rotations: GyroRotations | None,
     parts: Sequence[Sequence[TrackedFrame]],
     stage: Stage = Stage.JUDGE,
-) -> Gain:
-    """Measures what undoing the motion gains in parts of a clip, each of which is estimated as a clip of its own is."""
-    gain = Gain()
+) -> list[list[FrameMotion]]:
+    """Returns the motions of the frames of some parts, each as it is in a clip of its own."""
     frames = sum(map(len, parts))
     window = window_for(request.clip.frame_bytes)
     request.work.expect({Stage.SURVEY: 0, stage: SOLVED * frames})
     steps = Steps(request.work, "judging", frames)
+    found: list[list[FrameMotion]] = []
+    done = 0
+    focal_px = None
     for part in parts:
-        before = None
-        finder = camera_motion(request, time, gyro_rotations, _HELD_OUT, gain.focal_px, stage)
+        finder = camera_motion(request, time, gyro_rotations, focal_px, stage)
+        found.append([])
         for motion in finder.motions(tracked_copies(request, part)):
-            before = gain.add(before, motion, request.options.undo)
+            found[-1].append(motion)
+            done += 1
             steps.advance()
-            request.work.expect_as_before(stage, gain.frames + window.core + window.ahead, frames - gain.frames)
-            if motion.fit is not None:
-                gain.focal_px = motion.fit.focal_px * motion.height / ROWS
+            request.work.expect_as_before(stage, done + window.core + window.ahead, frames - done)
+            focal_px = focal_px if motion.fit is None else motion.fit.focal_px * motion.height / ROWS
     request.work.expect({stage: 0})
-    return gain
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,15 +314,27 @@ class UndoneFrame:
         return (np.stack(self.motion.rs_to_gs(*((points + 0.5) * scale - 0.5).T), axis=-1) + 0.5) / scale - 0.5
 
 
-def _left(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "tracks 2"]:
-    """Returns what the camera's rotation and a change of scale leave of the tracks [px of ROWS rows]."""
-    jacobian, moved = track_jacobian(tracks, focal_px)
+def _left(
+    pairs: Sequence[Tracks], focals: Float64[np.ndarray, "pairs"]
+) -> tuple[Float64[np.ndarray, "pairs most"], Bool[np.ndarray, "pairs most"]]:
+    """Returns what the camera's rotation and a change of scale leave of tracks; and which entries hold a track.
+
+    Args:
+        focals: focal length of each pair [px of ROWS rows].
+
+    Returns:
+        Squared distances [px of ROWS rows, squared].
+    """
+    first = pairs[0]
+    ends, used = padded_ends(pairs)
+    ends *= ROWS / first.height
+    width = first.width * ROWS / first.height
+    jacobian = rotation_jacobian(ends.mean(axis=0), width, focals[:, None, None], first.lens)
+    jacobian = jacobian.reshape(len(pairs), -1, 4)
+    moved = ends[1] - ends[0]
     left = moved
     for _ in range(4):
-        weights = np.repeat(_weights(np.square(left).sum(axis=1)), 2)
-        left = moved - jacobian @ weighted_least_squares(jacobian.reshape(-1, 4), moved.ravel(), weights)
-    return left
-
-
-def _weights(squared: Float64[np.ndarray, "tracks"]) -> Float64[np.ndarray, "tracks"]:
-    return student_weights(squared[None], np.ones((1, len(squared)), bool), np.nan)[0][0]
+        weights = np.repeat(student_weights_of_each(np.square(left).sum(axis=-1), used), 2, axis=-1)
+        unknowns = weighted_least_squares(jacobian, moved.reshape(len(pairs), -1), weights)
+        left = moved - (jacobian @ unknowns[..., None]).reshape(moved.shape)
+    return np.square(left).sum(axis=-1), used

@@ -35,7 +35,6 @@ def camera_motion(
     request: ClipRequest,
     time: ReadoutTime,
     gyro_rotations: GyroRotations | None = None,
-    keep_out: int | None = None,
     focal_px: float | None = None,
     stage: Stage = Stage.FIT,
 ) -> CameraMotion:
@@ -55,7 +54,6 @@ def camera_motion(
         fewest=8,  # frames of a shot: shorter ones are usually errors, not cuts
         known_rotations=gyro_rotations,
         whole_path=True,
-        keep_out=keep_out,
         lens=request.lens,
         check=SceneCheck.of(time, request.clip.camera_interval_s),
         count=request.work.counts(stage),

@@ -98,8 +98,11 @@ def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFram
     frames = _frames_in(request, parts_s) if parts_s else 0
     searches = {Stage.SURVEY: frames, Stage.SEARCH: question.fits * frames}
     all_frames = 0.25 * request.frames  # how likely all are asked: the time that is left is right either way
-    judging = gain.expected(request, frames, all_frames)
     is_whole = list(parts_s) == [(request.options.start, request.options.end)]
+    if is_whole:
+        judging = gain.expected(request, frames, 0) if frames <= gain.ALL else gain.expected(request, 0, frames)
+    else:
+        judging = gain.expected(request, min(frames, gain.ALL), all_frames)
     again = 0 if is_whole or not judging[Stage.JUDGE] else round(all_frames)
     request.work.expect(searches | {Stage.SURVEY_ALL: again} | judging)
     steps = Steps(request.work, question.name, frames) if question.name else None

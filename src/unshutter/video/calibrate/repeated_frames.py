@@ -129,7 +129,7 @@ def _unevenness(clock: CameraClock, runs: Sequence[tuple[int, np.ndarray]]) -> f
     """Returns how far speeds differ from what those before and after let expect, with a camera of this clock."""
     left = []
     for first, shifts in runs:
-        taken = np.array([clock.since(1.0, first + k) for k in range(len(shifts))])
+        taken = np.diff(clock.taken(np.arange(first - 1, first + len(shifts))))
         speeds = shifts * float(clock.share) / taken[:, None]
         left.append(np.hypot(*(speeds[1:-1] - (speeds[:-2] + speeds[2:]) / 2).T))
     return float(np.concatenate(left).mean())

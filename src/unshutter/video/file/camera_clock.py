@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from unshutter.motion.shapes import UInt8
 
+Number = TypeVar("Number", int, "np.ndarray")
 SIDE = 128  # px, short side of the copies in which frames are compared
 
 
@@ -54,12 +55,16 @@ class CameraClock:
         if self.share < 1:
             return float(max(floor(shown * self.share + 1e-6), 1))
         if self.share > 1 and shown == round(shown):
-            return float(self._taken(number) - self._taken(number - round(shown)))
+            return float(self.taken(number) - self.taken(number - round(shown)))
         return shown * float(self.share)
 
-    def _taken(self, number: int) -> int:
-        """Returns the number of a frame of the file among those that the camera took, counted from any of them."""
-        return ceil((number - self.missing + 1) * self.share) if self.share > 1 else number
+    def taken(self, number: Number) -> Number:
+        """Returns the number of a frame of the file, or of each of some, among those that the camera took.
+
+        They are counted from any of them. No frame may repeat another one.
+        """
+        taken, shown = max(self.share, Fraction(1)).as_integer_ratio()
+        return -((self.missing - number - 1) * taken // shown)
 
 
 class Changes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -55,6 +55,7 @@ def with_motion(
     with_steps: bool = False,
     sampled: SampledFrames | None = None,
     focal_px: float | None = None,
+    motions: Mapping[float, FrameMotion] | None = None,
 ) -> Iterator[MovingFrame]:
     """Yields the frames of a clip with their motion; they are delayed by some frames.
 
@@ -63,6 +64,7 @@ def with_motion(
         with_steps: whether the camera's rotation since the previous frame is needed.
         sampled: frames whose corners were tracked before.
         focal_px: focal length, if it was found before [px of the frames].
+        motions: of all frames, by their time on the camera's clock [s], if they were found before.
     """
     camera = camera_motion(request, time, gyro_rotations, focal_px=focal_px)
     waiting: deque[Frame] = deque()
@@ -74,7 +76,11 @@ def with_motion(
             yield frame
 
     last = None
-    for motion, small in _bridged(camera.motions(grey_copies(request, read(), sampled))):
+    if motions is None:
+        found = camera.motions(grey_copies(request, read(), sampled))
+    else:
+        found = (motions[request.clip.camera_time(frame)] for frame in read())
+    for motion, small in _bridged(found):
         cut = last is not None and motion.scene != last.scene
         step = step_as_kept(motion.step_from(last)) if with_steps else None
         frame = waiting.popleft()

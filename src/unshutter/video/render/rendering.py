@@ -75,6 +75,7 @@ class Rendering:
             with_steps,
             self.decision.sampled,
             self.decision.focal_px,
+            self.decision.motions,
         )
         return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
 
@@ -137,8 +138,9 @@ def expected(request: ClipRequest, decision: Decision) -> dict[Stage, int]:
     passes = 2 if is_steady or needs_borders else 1
     is_known = not is_steady if isinstance(decision, Leave) else decision.motion is not None
     searches = 0 if is_known else 1
+    fits = 0 if isinstance(decision, RectifyFrames) and decision.motions is not None else _SOLVED * searches
     is_linked = options.undo.model == "dense" and not is_left
-    each = {Stage.FOLLOW: searches, Stage.FIT: _SOLVED * searches, Stage.READ: passes - searches}
+    each = {Stage.FOLLOW: searches, Stage.FIT: fits, Stage.READ: passes - searches}
     each |= {Stage.LINK: is_linked, Stage.DRAW: 1, Stage.ENCODE: 1}
     return {stage: frames * many for stage, many in each.items()}
 
@@ -172,7 +174,8 @@ def _with_steady_views(rendering: Rendering) -> Rendering:
     rotations = level_rotations(rendering.camera.gyro) if options.steadiness.level else None
     decision = rendering.decision
     motion = None if isinstance(decision, Leave) else decision.motion
-    path = _path_of(replace(rendering, decision=RectifyFrames(motion)), is_left=isinstance(decision, Leave))
+    moving = RectifyFrames() if isinstance(decision, Leave) else decision
+    path = _path_of(replace(rendering, decision=moving), is_left=isinstance(decision, Leave))
     if motion is not None and not any(path.middle_steps):
         raise UnshutterError(
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
