@@ -127,7 +127,7 @@ class ClipFacts(Clip):
 
     def decode(
         self, file: VideoFile, start: float | None, end: float | None, others: deque[Packet] | None = None
-    ) -> Iterator[VideoFrame]:
+    ) -> Generator[VideoFrame]:
         """Yields the frames of the open file between two times [s] in presentation order; None means no limit.
 
         Args:
