@@ -64,6 +64,7 @@ class Code(Worded):
     TOO_SHARP = "too-sharp", "it is too sharp for a camera that moved during an exposure of {exposure}"
     NO_ROLLING_SHUTTER = "no-rolling-shutter", "{camera} exposes all rows at once"
     PANORAMA = "panorama", "it is a panorama, whose rows were not read out one after another"
+    BORDER = "border", "there is a plain border round the picture, which the camera did not see: crop it off first"
     EMBEDDED_VIDEO_STOOD_STILL = "film-stood-still", "the camera stood still"
     # the video inside a photo: why it cannot be used
     EMBEDDED_VIDEO_TOO_SHORT = "film-too-short", "the video inside it is too short"

@@ -370,9 +370,13 @@ MOST_SEGMENTS = 320  # the longest are used
 STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.12), (0, -0.12), (3, 0.08), (3, -0.08))]
 
 
-def segments_of(view: View) -> tuple[np.ndarray, tuple[int, int]]:
-    """[N, 4] segments in centred units of rows, and (height, width) of the copy in which they were detected [px]."""
-    grey = view.grey(SHORT_SIDE)
+def segments_of(view: View, grey: np.ndarray | None = None) -> tuple[np.ndarray, tuple[int, int]]:
+    """[N, 4] segments in centred units of rows, and (height, width) of the copy in which they were detected [px].
+
+    Args:
+        grey: the photo's grey copy, if it is at hand.
+    """
+    grey = view.grey(SHORT_SIDE) if grey is None else grey
     factor = min(SHORT_SIDE / min(view.height, view.width), MOST_ENLARGED)
     if factor > 1:
         size = (round(view.width * factor), round(view.height * factor))

@@ -13,10 +13,12 @@ from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.motion.upright import Pose
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
+from unshutter.single.borders import has_border
 from unshutter.single.candidates import LEAST_GAIN, candidates_by_smear, candidates_of
 from unshutter.single.estimator import Estimator, View
 from unshutter.single.likelihood import (
     MOST_SEGMENTS,
+    SHORT_SIDE,
     STARTS,
     ManhattanLikelihood,
     find_segments,
@@ -81,9 +83,10 @@ class _RightAngles(Estimator):
         return self.candidates(view)[0].finding
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:
-        """Returns the modes of the posterior; zero motion with a reason if there are too few segments."""
-        segments, size = segments_of(view)
-        reason = unusable(segments, view.height, view.width)
+        """Returns the modes of the posterior; zero motion with a reason with a border, or too few segments."""
+        grey = view.grey(SHORT_SIDE)
+        segments, size = segments_of(view, grey)
+        reason = Reason(Code.BORDER) if has_border(grey) else unusable(segments, view.height, view.width)
         if reason:
             return list_single(view.no_motion(self.name, reason), view.photo.orientation)
         candidates, posterior = self._modes(view, segments, size)
@@ -182,7 +185,7 @@ class SegmentManhattan(_WithNetwork, _RightAngles):
         return explore(likelihood_of(view, segments, size, observation, self.kinds), [answer, *towards]), answer
 
 
-SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
+_NETWORK_SIDE = 512  # of the grey copy in which segments are detected [px]
 
 
 class SegmentTransformer(_WithNetwork):
@@ -190,7 +193,7 @@ class SegmentTransformer(_WithNetwork):
 
     def estimate(self, view: View) -> Finding:
         """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
-        grey = view.grey(SHORT_SIDE)
+        grey = view.grey(_NETWORK_SIDE)
         segments = find_segments(grey, MOST_SEGMENTS)
         reason = unusable(segments, view.height, view.width)
         if reason:
