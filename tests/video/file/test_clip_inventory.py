@@ -54,6 +54,17 @@ def test_chunks_of_avi(tmp_path, capsys):
     assert not_kept(capsys, path, tmp_path / "filled.avi") == "chunks 'JUNK', 'ncdt'"
 
 
+def test_texts_of_mxf(tmp_path, capsys):
+    made = clips.write(tmp_path / "made.mxf", GREYS, "mpeg2video", options={"b": "2M"})
+    assert not_kept(capsys, made, tmp_path / "made.out.mxf") == ""
+    data = made.read_bytes()
+    text = "Left Channel".encode("utf-16-be")
+    at = data.index(bytes(200))  # in a filler
+    path = tmp_path / "in.mxf"
+    path.write_bytes(data[: at + 20] + text + data[at + 20 + len(text) :])
+    assert not_kept(capsys, path, tmp_path / "out.mxf") == "texts of the MXF header"
+
+
 def test_tags_and_chapters(tmp_path, capsys):
     chapters = [{"id": 0, "start": 0, "end": 200, "time_base": clips.Fraction(1, 1000), "metadata": {"title": "One"}}]
     more = {"tags": {"title": "Walk", "OWN_TAG": "of its owner"}, "chapters": chapters}

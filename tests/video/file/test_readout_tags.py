@@ -90,6 +90,36 @@ def test_sonys_is_in_the_metadata_of_each_frame(tmp_path):
     assert readout_tag(with_samples(tmp_path / "c.mp4", b"rtmd", b"\0\0" + packet[2:])) is None
 
 
+@pytest.mark.parametrize("length", [b"\x0e", b"\x81\x0e", b"\x83\0\0\x0e"])
+def test_canons_is_in_the_metadata_of_each_frame(tmp_path, length):
+    """Parts (number, length): a timecode, then sets of tags, each with a name and a length of one byte or more."""
+    name = b"\x06\x0e\x2b\x34\x02\x53\x01\x01" + bytes(8)
+    tags = struct.pack(">HHH", 0xE204, 2, 3000) + struct.pack(">HHI", 0xE209, 4, 15_500_000)
+    part = name + b"\0" + name + length + tags
+    packet = struct.pack("<II", 1, 12) + bytes(12) + struct.pack("<II", 2, len(part)) + part
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"cndm", packet))
+    assert (tag.ms, tag.camera) == (15.5, "Canon")
+    assert readout_tag(with_samples(tmp_path / "b.mp4", b"cndm", packet[:-3])) is None
+    assert readout_tag(with_samples(tmp_path / "c.mp4", b"cndm", b"\3" + packet[1:])) is None
+
+
+def test_insta360s_is_behind_the_last_box(tmp_path):
+    """Records, each with its format, kind and length behind it; then the length of all and a mark."""
+    held = message(1, b"serial") + bytes([25 << 3 & 0x7F | 0x81, 25 << 3 >> 7]) + struct.pack("<d", 18.25)
+    records = held + struct.pack("<BBI", 1, 1, len(held)) + b"samples" + struct.pack("<BBI", 0, 3, 7)
+    film = clips.write(tmp_path / "in.mp4", clips.standing(5)).read_bytes()
+
+    def tag_of(records, size):
+        end = bytes(32) + struct.pack("<II", size + 72, 3) + b"8db42d694ccc418790edff439fe026bf"
+        (tmp_path / "a.mp4").write_bytes(film + records + end)
+        return readout_tag(str(tmp_path / "a.mp4"))
+
+    tag = tag_of(records, len(records))
+    assert (tag.ms, tag.camera) == (18.25, "Insta360")
+    for damaged, size in ((records[:-3], len(records) - 3), (records, 3), (records[14:], len(records)), (b"", 0)):
+        assert tag_of(damaged, size) is None
+
+
 def message(number, content):
     """A field of Protocol Buffers: a number, four bytes of a float, or a message."""
     if isinstance(content, float):

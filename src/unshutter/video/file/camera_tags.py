@@ -4,7 +4,8 @@ Cameras write readout times into MP4 and QuickTime files. GoPro: SROT [ms], amon
 on, before that in the telemetry track. Apple: a key of the movie or of the video's track [us]. CAMM, the motion
 metadata of Android and street-view cameras: packets of type 1, the skew from the first row to the last [ns]. Sony: tag
 0xe40e of the real-time metadata of each frame [us]. DJI: the first packet of its own metadata [ns], in which the
-sensor's rate and the video's are stated, too.
+sensor's rate and the video's are stated, too. Canon: tag 0xe209 of the metadata of each frame [ns]. Insta360: field 25
+of a record behind the last box [ms].
 
 Slow motion is taken at a higher rate than the file's. Android states it in a key, Sony in an XML document.
 
@@ -38,6 +39,9 @@ _APPLE_KEY = b"com.apple.quicktime.camera.framereadouttimeinmicroseconds"
 _CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # bytes of a packet's content, by its type
 _KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of floating-point values
 _TEXT = 1
+_SET = b"\x06\x0e\x2b\x34"  # how the name of a set of tags begins
+_INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # how its files end
+_INSTA360_TAIL = 72  # bytes behind its records
 _SIGNED = (21, 65, 66, 67, 74)
 _UNSIGNED = (22, 75, 76, 77, 78)
 
@@ -91,7 +95,15 @@ class CameraTags:
 
 
 def _readout_time(movie: Movie) -> ReadoutTime | None:
-    makers = {"Apple": _apple, "GoPro": _gopro, "CAMM": _camm, "Sony": _sony, "DJI": _dji}
+    makers = {
+        "Apple": _apple,
+        "GoPro": _gopro,
+        "CAMM": _camm,
+        "Sony": _sony,
+        "DJI": _dji,
+        "Canon": _canon,
+        "Insta360": _insta360,
+    }
     for writer, times_of in makers.items():
         times = _before_damage(times_of(movie))
         plausible = [ms for ms in times if 0.1 <= ms <= 1000.0]
@@ -195,24 +207,71 @@ def _sony(movie: Movie) -> Iterator[float]:
     """Yields the times in real-time metadata: each packet has a head, then tags (number, length, content)."""
     for packet in _chunks(movie, b"rtmd", packets=True):
         if packet[:2] == _SONY_HEAD.to_bytes(2, "big"):
-            yield from (int.from_bytes(value, "big", signed=True) / 1000 for value in _sony_tags(packet[_SONY_HEAD:]))
+            tags = _tags(packet[_SONY_HEAD:], 0xE40E)
+            yield from (int.from_bytes(value, "big", signed=True) / 1000 for value in tags)
 
 
-def _sony_tags(tags: bytes) -> Iterator[bytes]:
+def _tags(tags: bytes, wanted: int) -> Iterator[bytes]:
+    """Yields the values of four bytes of a tag among others."""
     at = 0
     while at + 4 <= len(tags):
-        if tags[at : at + 4] == b"\x06\x0e\x2b\x34":  # name of the set that follows
+        if tags[at : at + 4] == _SET:  # name of the set that follows
             at += 16
             continue
         number, length = struct.unpack_from(">HH", tags, at)
         value = tags[at + 4 : at + 4 + length]
         if number in (0, 0xFFFF) or len(value) < length:
             return
-        if number == 0xE40E and length == 4:
+        if number == wanted and length == 4:
             yield value
         elif number == 0x8300:  # which holds others
-            yield from _sony_tags(value)
+            yield from _tags(value, wanted)
         at += 4 + length
+
+
+def _canon(movie: Movie) -> Iterator[float]:
+    """Yields the times in metadata of frames: each packet has parts (number, length), the second of which has sets."""
+    for kind in {track.sample_kind for track in movie.tracks if track.handler == b"meta"}:
+        for packet in _chunks(movie, kind, packets=True):
+            at = 0
+            while at + 8 <= len(packet):
+                number, length = struct.unpack_from("<II", packet, at)
+                if number not in (1, 2):
+                    break
+                part = packet[at + 8 : at + 8 + length]
+                yield from (int.from_bytes(value, "big") / 1e6 for value in _tags_of_sets(part, 0xE209))
+                at += 8 + length
+
+
+def _tags_of_sets(sets: bytes, wanted: int) -> Iterator[bytes]:
+    """Yields the values of a tag in sets, each a name of 16 bytes, a length as in ASN.1, and tags."""
+    at = 0
+    while sets[at : at + 4] == _SET:
+        length = sets[at + 16]
+        at += 17
+        if length & 0x80:
+            more = length & 0x7F
+            length = int.from_bytes(sets[at : at + more], "big")
+            at += more
+        yield from _tags(sets[at : at + length], wanted)
+        at += length
+
+
+def _insta360(movie: Movie) -> Iterator[float]:
+    """Yields the time in the records behind the last box, each of which ends with its format, kind and length."""
+    tail = movie.read_at(movie.length - _INSTA360_TAIL, _INSTA360_TAIL)
+    if not tail.endswith(_INSTA360):
+        return
+    at = movie.length - _INSTA360_TAIL
+    first = movie.length - int.from_bytes(tail[32:36], "little")
+    while at - 6 >= first:
+        _, kind, length = struct.unpack("<BBI", movie.read_at(at - 6, 6))
+        at -= 6 + length
+        if kind == 1:
+            value = _field(movie.read_at(at, length), (25,))
+            if isinstance(value, bytes) and len(value) == 8:
+                yield struct.unpack("<d", value)[0]
+            return
 
 
 def _dji(movie: Movie) -> Iterator[float]:

@@ -9,9 +9,11 @@ Sources: ISO/IEC 14496-12; Microsoft, AVI RIFF File Reference.
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, BinaryIO
 
 from unshutter.frames import pyav
@@ -50,6 +52,7 @@ _OF_PLAYERS = (b"meta", b"chpl", b"name", b"hnti", b"hinf", b"WLOC", b"SelO", b"
 _FFMPEGS = (b"colr", b"pasp", b"clli", b"mdcv", b"gama", b"chrm")  # descriptions of a film that FFmpeg writes, too
 _BLANK = (b"free", b"skip", b"JUNK", b"PAD ")
 _CHUNKS = (b"avih", b"strh", b"strf", b"strn", b"indx", b"vprp", b"dmlh", b"idx1", b"IDIT")
+_MXF_TEXT = re.compile(rb"(?:\0[\x20-\x7e]){6,}")  # in UTF-16
 _MOST_CHUNKS = 10_000
 _LONGEST = 1 << 20  # bytes read of a part
 
@@ -81,8 +84,19 @@ def parts(source: containers.VideoFile, target: str, carried: Iterable[Any], is_
     with suppress(*DAMAGE):
         if source.container.format.name == "avi":
             yield from _chunks(source.stream, known)
+        elif source.container.format.name == "mxf":
+            yield from _mxf_texts(source.stream, Path(target), known)
         elif "mp4" in source.container.format.name:
             yield from _boxes(source.stream, source.video.id, known)
+
+
+def _mxf_texts(stream: BinaryIO, target: Path, known: set[bytes]) -> Iterator[Part]:
+    """Yields the texts of an MXF header, such as names of tracks, if some are neither tags nor in the new file."""
+    stream.seek(0)
+    with target.open("rb") as new:
+        before, after = (_MXF_TEXT.findall(each.read(_LONGEST)) for each in (stream, new))
+    if any(text.decode("utf-16-be").encode() not in known for text in {*before} - {*after}):
+        yield Part("texts of the MXF header", Fate.LEFT_OUT)
 
 
 def lost_of_frames(before: dict[str, bytes], after: dict[str, bytes]) -> Iterator[Part]:
