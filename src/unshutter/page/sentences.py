@@ -52,7 +52,7 @@ _LEANS = "adviceLevel"
 OTHER_NEIGHBOURS = ("adviceNeighbours", "adviceLeaveNeighbours")
 _ADVICE: dict[Code, tuple[str, ...]] = {
     **dict.fromkeys(
-        (Code.NO_ROLLING_SHUTTER, Code.PANORAMA, Code.ASKED_FOR_NOTHING, Code.STRENGTH_0), ()
+        (Code.NO_ROLLING_SHUTTER, Code.PANORAMA, Code.BORDER, Code.ASKED_FOR_NOTHING, Code.STRENGTH_0), ()
     ),  # nothing is left to try
     **dict.fromkeys(
         (Code.OTHER_SIZE, Code.SCENES_DIFFER, Code.TOO_LITTLE_TO_FOLLOW, Code.FRAMES_DISAGREE, Code.NO_NEIGHBOUR),
