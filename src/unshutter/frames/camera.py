@@ -90,6 +90,7 @@ class RotationEquations:
 
 ROWS = 256  # errors and curvatures are in pixels of a picture with this many rows
 PER_FRAME = 4  # knots
+COARSE = 2  # knots per frame that suffice to compare readout ratios and focal lengths
 _UNKNOWNS = 4  # at any time: three rotations and the change of scale
 _RIDGE = 1e-6  # px^-2; T has an arbitrary origin, which this fixes
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: values tried
@@ -107,6 +108,7 @@ class Fit:
     noise_px: float  # noise of the tracks [px of ROWS rows]
     stiffness: float  # weight of the spline's curvature
     log_evidence: float  # log probability of the tracks, up to a constant
+    per_frame: int = PER_FRAME  # knots
 
     @classmethod
     def none(cls, focal_px: float) -> Fit:
@@ -115,7 +117,7 @@ class Fit:
 
     def later(self, frames: int) -> Fit:
         """Returns the fit with times counted from a later frame, from which another fit can start."""
-        return replace(self, coefficients=self.coefficients[PER_FRAME * frames :])
+        return replace(self, coefficients=self.coefficients[self.per_frame * frames :])
 
     def after(self, earlier: Fit, at: float, over: float) -> Fit:
         """Fades an earlier fit into this one, so that the path has no step.
@@ -129,7 +131,7 @@ class Fit:
             over: time that it takes to become this one's [frame intervals].
         """
         shared = min(len(self.coefficients), len(earlier.coefficients))
-        share = np.clip((at + over - np.arange(shared) / PER_FRAME) / over, 0.0, 1.0)[:, None]
+        share = np.clip((at + over - np.arange(shared) / self.per_frame) / over, 0.0, 1.0)[:, None]
         scaled = earlier.coefficients[:shared] * (self.focal_px / earlier.focal_px)
         apart = scaled - self.coefficients[:shared]
         fading = (share > 0) & (share < 1)
@@ -146,9 +148,9 @@ class Fit:
 
     def rotation(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
         """T [rad] at times [frame intervals since the first frame's first row]; constant beyond the ends."""
-        last = (len(self.coefficients) - 3) / PER_FRAME
+        last = (len(self.coefficients) - 3) / self.per_frame
         inside = np.clip(at, 0.0, last)
-        rotation = basis(inside * PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
+        rotation = basis(inside * self.per_frame, len(self.coefficients)) @ self.coefficients[:, :3]
         return rotation / self.focal_px
 
 
@@ -165,6 +167,7 @@ class Problem:
     # there is none
     depth: float | None = None
     count: Count = uncounted  # called after each solution, with the number of pairs
+    per_frame: int = PER_FRAME  # knots of the spline
     _unit: float = field(init=False)
     # [2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]
     _ends: Float64[np.ndarray, "2 pairs most 2"] = field(init=False)
@@ -188,7 +191,7 @@ class Problem:
     def _local(self) -> int:
         """Number of splines that overlap the times of two frames, counted from the last whole interval before them."""
         spans = np.ceil(self._taken[:, 1] - np.floor(self._taken[:, 0]) - 1e-9)
-        return PER_FRAME * (int(spans.max()) + 1) + 4
+        return self.per_frame * (int(spans.max()) + 1) + 4
 
     @cached_property
     def _moved(self) -> np.ndarray:
@@ -204,7 +207,7 @@ class Problem:
     def _equations(self, ratio: float) -> RotationEquations:
         since = self._taken - np.floor(self._taken[:, :1])
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
-        spline = basis(np.minimum(times, self._local / PER_FRAME - 0.76) * PER_FRAME, self._local)
+        spline = basis(np.minimum(times * self.per_frame, self._local - 3.04), self._local)
         return RotationEquations(spline[1] - spline[0], self._jacobian, self._moved)
 
     @cached_property
@@ -218,18 +221,18 @@ class Problem:
 
     @property
     def _knots(self) -> int:
-        return int(np.floor(self._taken[:, 0]).max()) * PER_FRAME + self._local
+        return int(np.floor(self._taken[:, 0]).max()) * self.per_frame + self._local
 
     @cached_property
     def _places(self) -> np.ndarray:
         """[pairs, 4 local] indices of the unknowns that each pair's times involve."""
         first = np.floor(self._taken[:, :1]).astype(int)
-        return _UNKNOWNS * PER_FRAME * first + np.arange(_UNKNOWNS * self._local)
+        return _UNKNOWNS * self.per_frame * first + np.arange(_UNKNOWNS * self._local)
 
     @cached_property
     def _prior(self) -> np.ndarray:
         """[unknowns, unknowns] quadratic form of the prior for a stiffness of 1."""
-        return np.kron(roughness(self._knots) * PER_FRAME**3, np.eye(_UNKNOWNS))
+        return np.kron(roughness(self._knots) * self.per_frame**3, np.eye(_UNKNOWNS))
 
     @property
     def moments(self) -> Float64[np.ndarray, "frames"]:
@@ -293,7 +296,9 @@ class Problem:
         bent = stiffness * unknowns @ (self._prior @ unknowns) + _RIDGE * unknowns @ unknowns
         evidence = likelihood - (bent + solution.cost - free * np.log(stiffness) + log_determinant(solution.left)) / 2
         self.count(len(self.pairs))
-        return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
+        return Fit(
+            unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence), self.per_frame
+        )
 
     def _solution(self, equations: RotationEquations, weights: np.ndarray, matrix: np.ndarray) -> Solution:
         """Solves the linear equations for given weights of the tracks; adds to the matrix, which holds the prior."""

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from unshutter.errors import UnknownRatioError
-from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
+from unshutter.frames.camera import COARSE, ROWS, Fit, Problem
 from unshutter.frames.parallax import DEPTH
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.motion.lens import Lens
@@ -101,7 +101,8 @@ def ratio_from_motion(
     for k in range(0, max(len(pairs) - _FRAMES.part // 2, 1), _FRAMES.part):
         part = pairs[k : k + _FRAMES.part]
         since = np.array(times[k : k + _FRAMES.part + 1]) - np.floor(times[k])
-        parts.append(Problem(part, focal_px, None if starts is None else since, DEPTH if is_checked else None, count))
+        depth = DEPTH if is_checked else None
+        parts.append(Problem(part, focal_px, None if starts is None else since, depth, count, COARSE))
     profiles = [_Profile(part) for part in parts]
     coarse = _curves(profiles, _COARSE)
     best = float(_COARSE[coarse.sum(axis=0).argmax()])
@@ -172,9 +173,9 @@ def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
 
 def _cycles(fit: Fit) -> float:
     """Returns the frequency of an oscillation whose speed varies as the camera's does [cycles per frame]."""
-    speed = np.diff(fit.coefficients[:, :3], axis=0) * PER_FRAME  # [knots - 1, 3], px per frame
+    speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.per_frame  # [knots - 1, 3], px per frame
     varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
-    change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * PER_FRAME
+    change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * fit.per_frame
     return float(change / varying / (2 * np.pi)) if varying > _FRAMES.even_px else 0.0
 
 
@@ -232,10 +233,10 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = unco
     focal length, which describes them best. ``count`` is called after each fit, with its number of pairs.
     """
     unit = usual_focal(pairs[0]) / USUAL_FOCAL
-    near = Problem(pairs, USUAL_FOCAL * unit, count=count).fit(ratio)
+    near = Problem(pairs, USUAL_FOCAL * unit, count=count, per_frame=COARSE).fit(ratio)
 
     def height(share: float) -> float:
-        fit = Problem(pairs, float(share * unit), count=count).fit(ratio, near.stiffness, near)
+        fit = Problem(pairs, float(share * unit), count=count, per_frame=COARSE).fit(ratio, near.stiffness, near)
         return fit.log_evidence / _FRAMES.focal_common - 0.5 * (np.log(share / USUAL_FOCAL) / _FRAMES.focal_spread) ** 2
 
     heights = np.full(len(_TRIED_FOCALS), -np.inf)
@@ -244,7 +245,7 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = unco
         if 0 <= beside < len(heights):
             heights[beside] = height(_TRIED_FOCALS[beside])
     best = _vertex(np.log(_TRIED_FOCALS), heights)
-    near = Problem(pairs, float(np.exp(best) * unit), count=count).fit(
+    near = Problem(pairs, float(np.exp(best) * unit), count=count, per_frame=COARSE).fit(
         ratio, near=near
     )  # the best stiffness may differ there
     for step in _FRAMES.focal_steps:
@@ -385,7 +386,7 @@ class Shot:
             return None
         since, fit = known
         frames = int(np.floor(self.times[0]) - since)
-        return fit.later(frames) if len(fit.coefficients) > PER_FRAME * frames + 1 else None
+        return fit.later(frames) if len(fit.coefficients) > fit.per_frame * frames + 1 else None
 
     def drop(self, many: int, margin: int) -> None:
         """Removes frames from the waiting list, keeping a few of them."""
