@@ -9,6 +9,7 @@ from playwright.sync_api import Browser, Page, expect
 from support.batches import rectified, rectify
 from support.browser import SLOW_MS, drop, enter, saved, wait_for
 from support.frame_pairs import Scene
+from support.gain_maps import OF_MAP, STOPS, hdr_photo, pictures_of
 from support.page_server import TOKEN, Server, served
 from unshutter.photo import Photo
 
@@ -83,6 +84,24 @@ def test_controls_and_saving_to_the_byte(street: Page, photo: Path, tmp_path: Pa
     street.get_by_label("Leave this photo alone").check()
     expect(street.locator("#panel .said")).to_contain_text("Left unchanged, as you asked.")
     expect(street.locator(".thumbnail .state")).to_have_text("left unchanged")
+
+
+def test_an_hdr_photo_is_shown_in_sdr_and_saved_in_hdr(page: Page, photo: Path) -> None:
+    pixels = Photo.open(photo).to_array()
+    height, width = pixels.shape[:2]
+    photo.write_bytes(
+        hdr_photo(height, width, (height // 4, width // 4), picture=(pixels, pixels[..., 0] / 255 * STOPS))
+    )
+    drop(page, photo)
+    wait_for(page)
+    expect(page.locator("#panel .said")).to_contain_text("HDR kept")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    assert OF_MAP in pictures_of(Path(download.value.path()).read_bytes())[1]
+    expect(page.locator("#notice")).not_to_contain_text("gain map")
+    page.locator("#advanced summary").click()
+    page.locator("#format").select_option("png")
+    expect(page.locator("#panel .said")).not_to_contain_text("HDR kept")
 
 
 def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:

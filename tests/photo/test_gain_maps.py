@@ -18,6 +18,7 @@ from support.gain_maps import (
     STOPS,
     XMP_PREFIX,
     hdr_photo,
+    heic_with_gain_map,
     light_of,
     pictures_of,
     pixels_of,
@@ -135,6 +136,7 @@ def test_the_inventory_names_its_fate_and_other_formats_say_what_is_lost() -> No
         assert fates and set(fates) <= {fate, Fate.CARRIED} and fate in fates
         assert (b"hdrgm:Version=" in data, b"Container:Directory" in data) == (format == "jpeg", format == "jpeg")
     assert result.encode("png").left_out == result.encode("avif").left_out == SDR
+    assert result.photo.hdr_formats == ("jpeg",) and result.photo.with_pixels(result.pixels).hdr_formats == ()
     assert Photo.from_bytes(result.encode("png").data).encode().left_out == ()
 
 
@@ -212,7 +214,7 @@ def test_frames_of_a_sequence_keep_their_maps() -> None:
 def test_heic_gives_its_map_to_a_jpeg(orientation: int, tmp_path: Path) -> None:
     base, gain = scene(HEIGHT, WIDTH)
     shown = np.dstack([base, np.round(gain / STOPS * 255).astype(np.uint8)])
-    data = heic(shown, orientation).replace(b"urn:mpeg:hevc:2015:auxid:1", b"urn:com:a:2020::hdrgainmap")
+    data = heic_with_gain_map(shown, orientation)
     photo = Photo.from_bytes(data)
     assert photo.orientation == orientation and photo.bands == 3
     motion = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], photo.height, photo.width)

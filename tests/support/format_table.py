@@ -19,6 +19,7 @@ from PIL.JpegImagePlugin import get_sampling
 import unshutter
 from support.camera_files import heic
 from support.drawn_photos import drawn, encoded, textured
+from support.gain_maps import OF_MAP, hdr_photo, heic_with_gain_map, pictures_of
 from support.motion_photos import VIDEO, motion_photo
 from support.rich_files import (
     COLUMNS,
@@ -341,7 +342,24 @@ def transfers(column: str, output: str) -> str:
     return "refused" if not kept else "kept" if kept == [True, True] else "lost"
 
 
+def gain_map(column: str, output: str) -> str:
+    """Whether the map's metadata are there, with new pixels."""
+    if column == "JPEG":
+        data, told = hdr_photo(HEIGHT, WIDTH, (HEIGHT // 4, WIDTH // 4)), OF_MAP
+    else:
+        data, told = heic_with_gain_map(drawn(HEIGHT, WIDTH, bands=4)), b"hdrgainmap"
+    with tempfile.TemporaryDirectory() as folder:
+        path, result = Path(folder, f"photo{COLUMNS[column]}"), Path(folder, f"out{COLUMNS[output]}")
+        path.write_bytes(data)
+        lacking = unshutter.rectify(path, motion=MOTION, edges="crop").save(result)
+        if "gain map (the result is SDR)" in lacking:
+            return "SDR"
+        return "kept" if told in pictures_of(result.read_bytes())[1] else "lost"
+
+
 HDR_ROWS: dict[str, Callable[[str], str]] = {
+    "gain map in JPEG": lambda output: gain_map("JPEG", output),
+    "gain map in HEIC": lambda output: gain_map("HEIC", output),
     "PQ, HLG in PNG": lambda output: transfers("PNG", output),
     "PQ, HLG in AVIF": lambda output: transfers("AVIF", output),
     "PQ, HLG in HEIC": lambda output: transfers("HEIC", output),

@@ -5,6 +5,7 @@ import struct
 import cv2
 import numpy as np
 
+from support.camera_files import heic
 from support.drawn_photos import encoded
 from support.motion_photos import packet
 from support.tagged_files import exif_blob
@@ -78,6 +79,11 @@ def hdr_photo(
     mpf += struct.pack(order + "HHI4s", 0xB000, 7, 4, b"0100") + struct.pack(order + "HHII", 0xB001, 4, 1, len(sizes))
     mpf += struct.pack(order + "HHIII", 0xB002, 7, entries, 50, 0) + table
     return with_segments(first, front + segment(0xE2, b"MPF\0" + mpf)) + b"".join(behind)
+
+
+def heic_with_gain_map(pixels: np.ndarray, orientation: int = 1) -> bytes:
+    """A HEIC of RGB pixels and a gain map as large, their fourth channel: libheif takes it for an auxiliary picture."""
+    return heic(pixels, orientation).replace(b"urn:mpeg:hevc:2015:auxid:1", b"urn:com:a:2020::hdrgainmap")
 
 
 def with_segments(data: bytes, segments: bytes) -> bytes:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -215,6 +215,15 @@ class SamplingGrid:
         across = _weights(cols, self.col_step, self.nodes.shape[2])
         col, row = np.matmul(down @ self.nodes, across.T)
         return col, row
+
+    def near(
+        self, rows: Real[np.ndarray, "rows"], cols: Real[np.ndarray, "cols"]
+    ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+        """Computes what :meth:`at` does for ascending rows and columns, faster if they are close to each other."""
+        first_row, last_row = (int(at // self.row_step) for at in rows[[0, -1]])
+        first_col, last_col = (int(at // self.col_step) for at in cols[[0, -1]])
+        part = replace(self, nodes=self.nodes[:, first_row : last_row + 2, first_col : last_col + 2])
+        return part.at(rows - first_row * self.row_step, cols - first_col * self.col_step)
 
     def bands(
         self, across: int, down: int, scratch: Scratch | None = None

@@ -30,7 +30,6 @@ from unshutter.options import Edges, check_edges
 from unshutter.storage import files
 
 _LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
-_AUXILIARY_BAND = 128  # rows
 _REACH = 3  # px that interpolation reads beyond a position
 
 
@@ -284,23 +283,24 @@ def sampled_auxiliary(
     down, across = grid.height / rows, grid.width / columns  # px of the photo
     at_rows = _centres(window.top, window.bottom, down)
     at_cols = _centres(window.left, window.right, across)
-    result = np.empty((len(at_rows), len(at_cols), pixels.shape[2]), pixels.dtype)
-    for first in range(0, len(at_rows), _AUXILIARY_BAND):
-        band = slice(first, first + _AUXILIARY_BAND)
-        col, row = grid.at(at_rows[band], at_cols)
+    whole = Tile(0, len(at_rows), 0, len(at_cols))
+    result = np.empty((whole.bottom, whole.right, pixels.shape[2]), pixels.dtype)
+    outer = Extent.of_picture(grid.height, grid.width, across, down)
+    method = cv2.INTER_NEAREST if nearest else cv2.INTER_CUBIC
+    for tile in whole.tiles():
+        here = tile.within(whole)
+        col, row = grid.near(at_rows[here[0]], at_cols[here[1]])
         if black_beyond is None:
             _mirror(col, grid.width - 1)
             _mirror(row, grid.height - 1)
-        outside = None
-        if black_beyond is not None and math.isfinite(black_beyond):
-            outside = ~Extent.of_picture(grid.height, grid.width, across, down).holds(col, row)
+        is_black = black_beyond is not None and math.isfinite(black_beyond)
+        outside = ~outer.holds(col, row) if is_black else None
         col, row = (col + 0.5) / np.float32(across) - 0.5, (row + 0.5) / np.float32(down) - 0.5
         source, left, top = _cut(pixels, Extent.of(col, row))
-        method = cv2.INTER_NEAREST if nearest else cv2.INTER_CUBIC
         sampled = cv2.remap(source, col - left, row - top, method, borderMode=cv2.BORDER_REPLICATE)
-        result[band] = sampled.reshape(result[band].shape)
+        result[here] = sampled.reshape(result[here].shape)
         if outside is not None:
-            _blacken(result[band], outside, 0)
+            _blacken(result[here], outside, 0)
     return result
 
 

@@ -137,7 +137,8 @@ def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, JsonObject]
         photo = opened(open_file)
         jpeg = as_jpeg(small_copy(open_file, photo, longest), photo.orientation)
         height, width = Orientation(photo.orientation).size(photo.height, photo.width)
-        return jpeg, {"height": height, "width": width, "arrows": arrows(photo.orientation)}
+        facts = {"height": height, "width": width, "arrows": arrows(photo.orientation)}
+        return jpeg, facts | {"hdr_formats": photo.hdr_formats}
 
 
 def after(

@@ -21,6 +21,7 @@ from unshutter.photo.attitude import Attitude
 from unshutter.photo.auxiliary_pictures import Auxiliaries
 from unshutter.photo.decoder import Decoder, grey_copy, grey_size, read_header
 from unshutter.photo.embedded_video import EmbeddedVideo, embedded_video
+from unshutter.photo.formats import WRITTEN
 from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import Source, as_image, with_bands
 from unshutter.photo.placement import Placement
@@ -195,6 +196,14 @@ class Photo(FileOutput):
         return self._new_pixels
 
     @property
+    def hdr_formats(self) -> tuple[str, ...]:
+        """The output formats in which it stays HDR; empty if it is SDR."""
+        metadata = self._metadata
+        has_map = metadata.auxiliaries is not None and metadata.auxiliaries.has_gain_map
+        needed = {"auxiliaries": has_map, "code_points": metadata.code_points is not None}
+        return tuple(name for name, each in WRITTEN.items() if any(needed[what] for what in needed.keys() & each.holds))
+
+    @property
     def image(self) -> pyvips.Image:
         """The stored pixels as a libvips image."""
         return as_image(self.pixels)
@@ -347,7 +356,7 @@ class Photo(FileOutput):
     @property
     def usual_format(self) -> PictureFormat:
         """The format in which it is written if none is asked for, its own if that can be written."""
-        if self.format == "heic" and self.auxiliaries is not None and self.auxiliaries.has_gain_map:
+        if self.format == "heic" and "jpeg" in self.hdr_formats:
             return "jpeg"
         return "png" if self.format == "array" else BY_NAME[self.format].written_as
 

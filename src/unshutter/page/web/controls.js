@@ -117,6 +117,8 @@ function said(photo) {
   const { roll_deg: roll = null, tilt_deg: tilt = null, from = "" } = result.attitude ?? {};
   if (roll !== null || tilt !== null) lines.push(make("p", words.heldSo(roll, tilt, from)));
   if (result.film) lines.push(make("p", words.videoUnused(result.film.sentence)));
+  const formats = (result.changed && photo.facts?.hdr_formats) || [];
+  if (formats.length && [undefined, "", ...formats].includes(photo.options.format)) lines.push(quiet(words.hdrKept));
   const sure = result.changed && !result.code && !photo.byHand && result.certainty;
   if (!sure) return lines;
   if (result.doubted) lines.push(quiet(words.doubtedHelp));

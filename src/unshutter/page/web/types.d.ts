@@ -45,6 +45,7 @@ export interface PhotoFacts {
   width: number;
   height: number;
   arrows: Record<Readout, Arrow>;
+  hdr_formats: string[]; // in which a result is HDR; empty: the photo is SDR
 }
 
 export interface ClipFacts {

@@ -120,6 +120,7 @@ export const words = {
   left: (s) => (s < 90 ? `about ${Math.max(Math.round(s / 5) * 5, 5)} s left` : `about ${Math.round(s / 60)} min left`),
   // a file's name at the start stays in small letters
   sentence: (line, name = "") => `${name && line.startsWith(name) ? line[0] : line[0].toUpperCase()}${line.slice(1)}.`,
+  hdrKept: "HDR kept: the page shows it in SDR, the saved photo is HDR.",
   videoUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
 
   // a photo that was left unchanged, and what may help: buttons as the program advises them (page/sentences.py)
@@ -442,7 +443,6 @@ export const words = {
   nothingToSave: "There is nothing to save yet.",
   noneChanged: "Nothing was saved: none of them was straightened.",
 
-  // what goes wrong
   tooLarge: (name, mb) => `${name} is larger than ${mb} MB, the limit set by --max-mb.`,
   gone: "unshutter does not answer. Is it still running? This page goes on as soon as it is back.",
   oldLink: "This link is not valid (any more): open the one that “unshutter serve” has printed.",
