@@ -54,6 +54,25 @@ def test_chunks_of_avi(tmp_path, capsys):
     assert not_kept(capsys, path, tmp_path / "filled.avi") == "chunks 'JUNK', 'ncdt'"
 
 
+def element(number, content):
+    return number.to_bytes((number.bit_length() + 7) // 8, "big") + bytes([0x80 | len(content)]) + content
+
+
+def test_further_names_of_chapters_in_matroska(tmp_path, capsys):
+    chapters = [{"id": 0, "start": 0, "end": 200, "time_base": clips.Fraction(1, 1000), "metadata": {"title": "One"}}]
+    made = clips.write(tmp_path / "made.mkv", GREYS, chapters=chapters)
+    assert not_kept(capsys, made, tmp_path / "out.mkv") == ""
+    data = made.read_bytes()
+    at = data.index(b"\xec\1\0\0\0\0\0\0") + 9  # what keeps room for an index
+    names = (element(0x80, element(0x85, name)) for name in (b"One", b"Eins"))
+    listed = element(0x1043A770, element(0x45B9, element(0xB6, element(0x73C4, b"\1") + b"".join(names))))
+    assert data[at - 1] > len(listed) + 2
+    void = b"\xec" + bytes([0x80 | data[at - 1] + 9 - len(listed) - 2])
+    path = tmp_path / "in.mkv"
+    path.write_bytes(data[: at - 9] + listed + void + data[at - 9 + len(listed) + 2 :])
+    assert not_kept(capsys, path, tmp_path / "out.two.mkv") == "further names of chapters"
+
+
 def test_texts_of_mxf(tmp_path, capsys):
     made = clips.write(tmp_path / "made.mxf", GREYS, "mpeg2video", options={"b": "2M"})
     assert not_kept(capsys, made, tmp_path / "made.out.mxf") == ""

@@ -1,9 +1,9 @@
 """The audit of a new video that FFmpeg wrote: what its clip's file held that it lacks.
 
 FFmpeg keeps what it knows: streams, tags, chapters. So the new file is read again, and compared with the clip's: tags
-and chapters as FFmpeg reads them, and the parts of MP4 and AVI files that it passes over.
+and chapters as FFmpeg reads them, and the parts of other files that it passes over.
 
-Sources: ISO/IEC 14496-12; Microsoft, AVI RIFF File Reference.
+Sources: ISO/IEC 14496-12; RFC 9559 (Matroska); Microsoft, AVI RIFF File Reference.
 """
 
 from __future__ import annotations
@@ -86,6 +86,8 @@ def parts(source: containers.VideoFile, target: str, carried: Iterable[Any], is_
             yield from _chunks(source.stream, known)
         elif source.container.format.name == "mxf":
             yield from _mxf_texts(source.stream, Path(target), known)
+        elif "matroska" in source.container.format.name:
+            yield from _chapter_names(source.stream, source.container.chapters())
         elif "mp4" in source.container.format.name:
             yield from _boxes(source.stream, source.video.id, known)
 
@@ -159,6 +161,42 @@ def _is_known(name: bytes, content: bytes, structure: tuple[bytes, ...], known: 
     if name in structure or not content.strip(b"\0 "):
         return True
     return name not in _BLANK and any(value in content for value in known)
+
+
+# ---- Matroska -------------------------------------------------------------------------------------------------------
+
+_CHAPTER_NAME = 0x85
+_HOLDERS = (0x18538067, 0x1043A770, 0x45B9, 0xB6, 0x80)  # segment, chapters, edition, chapter, what is shown of it
+
+
+def _chapter_names(stream: BinaryIO, chapters: Iterable[Any]) -> Iterator[Part]:
+    """Yields the names of chapters that FFmpeg passes over: it takes one of each chapter, of the first edition."""
+    taken = {chapter["metadata"].get("title", "").encode() for chapter in chapters}
+    if any(name.rstrip(b"\0") not in taken for name in _names_in(stream, 0, stream.seek(0, os.SEEK_END))):
+        yield Part("further names of chapters", Fate.LEFT_OUT)
+
+
+def _names_in(stream: BinaryIO, at: int, end: int) -> Iterator[bytes]:
+    for _ in range(_MOST_CHUNKS):
+        if at + 2 > end:
+            return
+        stream.seek(at)
+        head = stream.read(12)
+        kind, length = _number(head)
+        size, more = _number(head[length:])
+        start = at + length + more
+        at = start + (size & (1 << 7 * more) - 1)
+        if kind in _HOLDERS:
+            yield from _names_in(stream, start, min(at, end))
+        elif kind == _CHAPTER_NAME:
+            stream.seek(start)
+            yield stream.read(min(at - start, _LONGEST))
+
+
+def _number(data: bytes) -> tuple[int, int]:
+    """Returns a number with the bits that say how long it is, and its length [bytes]."""
+    length = 9 - data[0].bit_length()
+    return int.from_bytes(data[:length], "big"), length
 
 
 # ---- AVI ------------------------------------------------------------------------------------------------------------
