@@ -50,6 +50,7 @@ from unshutter.video.render.rendering import (
     with_views,
 )
 
+_SMALLER_PX = 8
 _TRIED_S = 1.0  # s of a clip by which it is foreseen what becomes of its parts
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -138,7 +139,8 @@ def plan_clip_file(source: str, output: str, options: RectifyClip, observer: Cli
     if is_left and (video.may_be_copy or options.only_changed):
         plan = ClipPlan(source, output, reason, Fate.LEFT_OUT if options.only_changed else Fate.CARRIED)
     else:
-        plan = ClipPlan(source, output, reason, Fate.TRANSFORMED, _tried(request, video))
+        is_cut = reason is None and EdgePolicy(options.undo.edges).must_crop
+        plan = ClipPlan(source, output, reason, Fate.TRANSFORMED, _tried(request, video, is_cut))
     request.work.finish()
     return plan
 
@@ -330,9 +332,14 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
     return _Written(tally, parts=[*writer.parts, *parts], damaged=len(source.damaged_s))
 
 
-def _tried(request: ClipRequest, output: _Output) -> list[Part]:
-    """Returns what would become of the parts of a clip's file, by a video of its first second, whose frames stay."""
+def _tried(request: ClipRequest, output: _Output, is_cut: bool) -> list[Part]:
+    """Returns what would become of the parts of a clip's file, by a video of its first second, whose frames stay.
+
+    If they would be cut, they are made smaller instead: by how much is not known yet.
+    """
     clip, options = output.clip, request.options
+    smaller_px = _SMALLER_PX if is_cut else 0
+    height, width = clip.height - smaller_px, clip.width - smaller_px
     end_s = _TRIED_S + (clip.begin_s if options.start is None else options.start)
     with ExitStack() as stack:
         part = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"tried{output.kind}"
@@ -342,11 +349,11 @@ def _tried(request: ClipRequest, output: _Output) -> list[Part]:
         if in_two_steps:
             part.touch()
         container = stack.enter_context(writing(frames_file or part, output.kind, clip.ticks))
-        writer = output.writer(container, source, request, (clip.height, clip.width))
+        writer = output.writer(container, source, request, (height, width))
         decoded = clip.decode(source, options.start, options.end, None if output.into_copy else writer.waiting)
         with closing(decoded):
             for frame in takewhile(lambda each: (each.time or 0.0) < end_s, decoded):
-                writer.add_frame(frame)
+                writer.add_frame(frame.reformat(width, height) if smaller_px else frame)
         writer.end()
         if output.into_copy:
             movie = Movie.read(source.stream)

@@ -118,6 +118,9 @@ def test_hdr10_plus_stays_with_its_frames(tmp_path: Path, capsys) -> None:
     assert main(["video", str(source), "-o", str(part), *clips.KNOWN, "--start", "0.2"]) == 0
     assert of_frames(part, "DYNAMIC_HDR_PLUS") == before[6:]
     assert "HDR10+" in straightened(source, tmp_path / "cut.mp4", capsys, "--edges", "crop")
+    for flags in ((), ("--edges", "crop")):
+        assert main(["video", str(source), "-o", str(tmp_path / "x.mp4"), *clips.KNOWN, "--dry-run", *flags]) == 0
+        assert ("left out: HDR10+" in capsys.readouterr().out) == bool(flags)
 
 
 def test_dolby_vision_of_a_picture_that_shows_itself_stays(tmp_path: Path, capsys) -> None:
