@@ -28,6 +28,7 @@ from support.gain_maps import (
     with_segments,
 )
 from support.motion_photos import VIDEO
+from support.tagged_files import with_code_points
 from unshutter import Photo, RowMotion, rectify
 from unshutter.inventory import Fate
 from unshutter.motion.warp import straighten
@@ -231,5 +232,9 @@ def test_heic_gives_its_map_to_a_jpeg(orientation: int, tmp_path: Path) -> None:
     path = tmp_path / "a.heic"
     path.write_bytes(data)
     assert usual_format(path) == "jpeg" and Photo.open(path).usual_format == "jpeg"
+    path.write_bytes(with_code_points(data, 9, 16))  # the picture itself is HDR, and its map makes it SDR
+    coded = Photo.open(path)
+    assert usual_format(path) is None and coded.usual_format == "avif" and coded.hdr_formats == ("png", "avif")
+    assert coded.encode().left_out == ("gain map",)
     path.write_bytes(heic(base))
     assert usual_format(path) is None and Photo.open(path).usual_format == "avif"

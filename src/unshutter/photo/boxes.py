@@ -1,7 +1,7 @@
 """Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files, and the items of AVIF and HEIC.
 
-Results contain only the primary picture and its metadata. Everything else (maps, mattes, further pictures, videos) is
-only reported by name: maps and mattes fit only the old pixels, and nothing here can write the rest.
+Results contain the primary picture and its metadata; a JPEG made of a HEIC also its auxiliary pictures (gain map, depth
+map, mattes). Everything else (further pictures, videos, an AVIF's auxiliary pictures) is only reported by name.
 
 Source: ISO/IEC 14496-12 (boxes; iinf, iloc), ISO/IEC 23008-12 (HEIF: items, properties, references, auxiliary images),
 ISO 21496-1 (gain maps).
@@ -19,7 +19,7 @@ from typing import BinaryIO, NamedTuple
 from unshutter.errors import UnshutterError
 from unshutter.inventory import Fate
 from unshutter.orientation import Orientation
-from unshutter.photo.code_points import light_in_boxes
+from unshutter.photo.code_points import HDR_TRANSFERS, light_in_boxes
 from unshutter.photo.libvips import Source
 from unshutter.photo.parts import GAIN_MAP, OTHER, PICTURES, Found, further_picture, of_coding, purpose
 
@@ -89,7 +89,10 @@ def inspect_boxes(source: Source) -> tuple[BoxCoding, tuple[Found, ...]]:
     with source.stream() as stream:
         if _ANIMATION.match(stream.read(12)):
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
-        return read_coding(stream), parts_of(stream)
+        coding, parts = read_coding(stream), parts_of(stream)
+    if coding.is_hdr:  # without its gain map, too
+        parts = tuple(part._replace(reason="") for part in parts)
+    return coding, parts
 
 
 # ---- properties of the primary picture -----------------------------------------------------------------
@@ -108,6 +111,11 @@ class BoxCoding(NamedTuple):
     # primaries and transfer function of the colours; (2, 2) if the file does not specify them
     code_points: tuple[int, int] = (2, 2)
     light: tuple[tuple[bytes, bytes], ...] = ()  # boxes with light levels
+
+    @property
+    def is_hdr(self) -> bool:
+        """Whether its own colours are HDR's (PQ, HLG)."""
+        return self.code_points[1] in HDR_TRANSFERS
 
 
 _MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the value in imir
@@ -271,8 +279,10 @@ def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
 
 
 def has_gain_map(file: BinaryIO) -> bool:
-    """Whether the primary picture has a gain map."""
-    return any(purpose(each.kind.encode()) == GAIN_MAP for each in auxiliary_items(file))
+    """Whether the primary picture has a gain map that makes it HDR."""
+    return not read_coding(file).is_hdr and any(
+        purpose(each.kind.encode()) == GAIN_MAP for each in auxiliary_items(file)
+    )
 
 
 def _content(file: BinaryIO, meta: dict[bytes, bytes], item: int) -> bytes | None:

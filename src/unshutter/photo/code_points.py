@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _UNSPECIFIED = 2
 _P3 = 12
-_PQ, _HLG = 16, 18
+_PQ, _HLG = HDR_TRANSFERS = 16, 18
 _SDR = (1, 2, 6, 13, 14, 15)  # transfer functions displayed alike: those of sRGB and of SDR video
 # x and y of red, green and blue, by primaries; white is D65
 _PRIMARIES = {

@@ -198,10 +198,12 @@ class Photo(FileOutput):
     @property
     def hdr_formats(self) -> tuple[str, ...]:
         """The output formats in which it stays HDR; empty if it is SDR."""
-        metadata = self._metadata
-        has_map = metadata.auxiliaries is not None and metadata.auxiliaries.has_gain_map
-        needed = {"auxiliaries": has_map, "code_points": metadata.code_points is not None}
-        return tuple(name for name, each in WRITTEN.items() if any(needed[what] for what in needed.keys() & each.holds))
+        needed = "code_points"
+        if self._metadata.code_points is None:
+            if self.auxiliaries is None or not self.auxiliaries.has_gain_map:
+                return ()
+            needed = "auxiliaries"
+        return tuple(name for name, format in WRITTEN.items() if needed in format.holds)
 
     @property
     def image(self) -> pyvips.Image:

@@ -20,7 +20,7 @@ from unshutter.photo.code_points import CodePoints, for_screen
 from unshutter.photo.formats import WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
-from unshutter.photo.parts import DAMAGED, Found, lost, without
+from unshutter.photo.parts import DAMAGED, GAIN_MAP, Found, lost, without
 from unshutter.storage.files import Times, check_target, written_whole
 from unshutter.storage.locations import RunFiles
 from unshutter.storage.opened import Opened
@@ -190,7 +190,8 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     resources = metadata.resources
     if packet is not None:
         video = metadata.video if "video" in format.holds else None
-        found = (*found, *xmp.lost(packet, video is not None, metadata.auxiliaries is not None))
+        is_told = any(part.name == GAIN_MAP for part in found)
+        found = (*found, *xmp.lost(packet, video is not None, is_told))
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.updated(

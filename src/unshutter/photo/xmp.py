@@ -356,9 +356,9 @@ def with_description(packet: bytes | None, attributes: bytes, content: bytes = b
     return re.sub(rb"(</\w+:RDF\s*>)", added.replace(b"\\", rb"\\") + rb"\1", packet, count=1)
 
 
-def lost(packet: bytes, has_video: bool, has_auxiliaries: bool) -> Iterator[Found]:
+def lost(packet: bytes, has_video: bool, gain_map_is_told: bool) -> Iterator[Found]:
     """Yields the additional pictures and videos that the packet describes but the next file lacks."""
-    if not has_auxiliaries and has_gain_map(packet):
+    if not gain_map_is_told and has_gain_map(packet):
         yield further_picture(GAIN_MAP)
     if not has_video and video_bytes(packet) is not None:
         yield Found("film")
