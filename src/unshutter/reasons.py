@@ -117,6 +117,7 @@ class Code(Worded):
         "read-at-once",
         "its frames show no rolling shutter: all rows were exposed at once, or the camera corrected them",
     )
+    FRAMES_REPEAT = "frames-repeat", "some frames repeat the one before them"
     SCENE_CONTRADICTS = (
         "scene-contradicts",
         "this scene does not show the readout time of the clip: another camera took it, or it is corrected already",

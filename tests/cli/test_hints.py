@@ -120,6 +120,7 @@ HINTS = [
     ),
     (f"{NO_CLIP} --level --stabilize --gyro off", "leave out --gyro off", f"{NO_CLIP} --level --stabilize"),
     (f"{NO_CLIP} --straight-lines --stabilize", "stabilise the straightened clip", f"{NO_CLIP} --straight-lines"),
+    (f"{NO_CLIP} --save-gyro s.csv", "a .gcsv file, not s.csv: choose another name", f"{NO_CLIP} --save-gyro s.gcsv"),
     # clips: what they are and become
     ("video clip.mkv -o out.png", "write video.mkv", "video clip.mkv -o video.mkv --readout-ms 20 --end 0.2"),
     ("video clip.mkv -o out.xyz", "use .mp4, .mov or .mkv", "video clip.mkv -o out.mkv --readout-ms 20 --end 0.2"),

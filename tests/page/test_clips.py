@@ -403,6 +403,6 @@ def test_the_same_as_on_the_command_line() -> None:
 def test_what_is_for_the_command_line_alone() -> None:
     names = {field.name for field in fields(RectifyClip)}
     assert {"readout-ms", "strength", "edges", "start", "end", "codec"} <= names
-    assert not names & {"motion", "save-motion", "preview", "plot", "overwrite", "json-log", "fps"}
+    assert not names & {"motion", "save-motion", "save-gyro", "preview", "plot", "overwrite", "json-log", "fps"}
     with pytest.raises(UsageError, match="unknown field 'json-log'"):
         read_clip({"json-log": "/etc/passwd"})

@@ -21,7 +21,10 @@ WEIGHTS = Path(unshutter.__file__).parent / "weights" / "segment-transformer.npz
 
 PHOTO = {"--output": ".jpg .png", "--save-motion": ".json", "--masks": "", "--preview": ".png .jpg"}
 PHOTOS = {"--output": "", "--save-motion": "", "--masks": "", "--preview": ".png .jpg", "--manifest": ""}
-VIDEO = {"--output": ".mp4", "--save-motion": ".json", "--preview": ".png .mp4", "--plot": ".png"}
+VIDEO = {"--output": ".mp4", "--save-motion": ".json", "--save-gyro": ".gcsv"} | {
+    "--preview": ".png .mp4",
+    "--plot": ".png",
+}
 LOG = {"--json-log": ".jsonl .json .png .jpg .mp4"}  # any name
 GCSV = "GYROFLOW IMU LOG\nt,gx,gy,gz\n" + "".join(f"{k / 100},0.1,0.2,0.1\n" for k in range(99))
 

@@ -199,8 +199,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         sure = f" +- {100 * outcome.lens.error:.1f} %" if outcome.lens.error else ""
         view = f"{outcome.lens_degrees:.0f} degrees from corner to corner{sure}"
         yield f"unshutter: the lens bends straight lines: {view}, from {outcome.lens.source}{now}"
-    if outcome.gyro is not None and (outcome.gyro.rotations is not None or outcome.gyro.reason != outcome.unfit):
-        yield _gyro_line(outcome.gyro)
+    yield from _gyro_lines(outcome)
     if outcome.left_out:
         yield f"unshutter: {describe(outcome.left_out)}"
     if outcome.as_they_were:
@@ -273,6 +272,17 @@ def _enlarged_line(enlargement: Enlargement) -> str:
 
 def _frames(count: int) -> str:
     return "1 frame" if count == 1 else f"{count} frames"
+
+
+def _gyro_lines(outcome: ClipOutcome) -> Iterator[str]:
+    """Yields what became of the clip's gyro log, and of the one found in its frames."""
+    if outcome.gyro is not None and (outcome.gyro.rotations is not None or outcome.gyro.reason != outcome.unfit):
+        yield _gyro_line(outcome.gyro)
+    virtual = outcome.virtual_gyro
+    if virtual is not None and virtual.reason is not None:
+        yield f"unshutter: no gyro log written: {virtual.reason}"
+    elif virtual is not None and virtual.unknown:
+        yield f"unshutter: how the camera turned is unknown before {_frames(virtual.unknown)}: the gyro log has 0 there"
 
 
 def _gyro_line(gyro: ClipGyro) -> str:

@@ -220,6 +220,13 @@ class RectifyClip:
     save_motion: Path | None = option(
         None, "Also write the clip's motion to this JSON file.", metavar="PATH", names="output", page=False
     )
+    save_gyro: Path | None = option(
+        None,
+        "Also write the rotation rate in the frames as a gyro log for Gyroflow (.gcsv).",
+        metavar="PATH",
+        names="output",
+        page=False,
+    )
     preview: Path | None = option(
         None,
         "Also write before and after side by side: five frames (.jpg, .png), or a video (.mp4).",

@@ -254,6 +254,12 @@ def check_motion_name(name: str) -> None:
         raise UsageError(f"a motion is a .json file, not {name}: choose another name")
 
 
+def check_gyro_name(name: str) -> None:
+    """Raises UsageError if a gyro log to be written is not called ``.gcsv``."""
+    if not name.lower().endswith(".gcsv"):
+        raise UsageError(f"a gyro log is a .gcsv file, not {name}: choose another name")
+
+
 @contextmanager
 def written_whole(
     target: Path,

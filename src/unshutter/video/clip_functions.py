@@ -74,6 +74,7 @@ def rectify_clip(
     end: float | None = None,
     motion: str | Path | None = None,
     save_motion: str | Path | None = None,
+    save_gyro: str | Path | None = None,
     preview: str | Path | None = None,
     plot: str | Path | None = None,
     progressive: bool = False,

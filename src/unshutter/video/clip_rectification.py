@@ -23,7 +23,14 @@ from unshutter.motion.edges import EdgePolicy
 from unshutter.motion.opencv_threads import no_opencv_threads
 from unshutter.options.clip_options import RectifyClip
 from unshutter.progress import SILENT, ClipObserver
-from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
+from unshutter.storage.files import (
+    JsonLog,
+    check_gyro_name,
+    check_motion_name,
+    check_target,
+    remove_leftovers,
+    written_whole,
+)
 from unshutter.storage.locations import RunFiles
 from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
@@ -44,11 +51,13 @@ from unshutter.video.render.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.render.rendering import (
     Rendering,
     expected,
+    path_of,
     straight_view,
     watched,
     with_known_motion,
     with_views,
 )
+from unshutter.video.render.virtual_gyro import VirtualGyro, write_virtual_gyro
 
 _SMALLER_PX = 8
 _TRIED_S = 1.0  # s of a clip by which it is foreseen what becomes of its parts
@@ -113,6 +122,7 @@ def rectify_clip_file(
         straight_degrees=None if straight is None else straight.degrees(aspect),
         direction=camera.scan_direction,
         unfit=why_unfit(camera),
+        virtual_gyro=_save_gyro(rendering),
     )
     if options.preview is not None and outcome.written:
         previews.write_preview(
@@ -164,7 +174,9 @@ def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str,
         check_plot(options.plot)
     if options.save_motion is not None:
         check_motion_name(options.save_motion.name)
-    outputs = list(filter(None, (target, options.save_motion, options.preview, options.plot)))
+    if options.save_gyro is not None:
+        check_gyro_name(options.save_gyro.name)
+    outputs = list(filter(None, (target, options.save_motion, options.save_gyro, options.preview, options.plot)))
     for each in outputs:
         check_target(each, options.overwrite)
     return path, target, outputs
@@ -330,6 +342,18 @@ def _write(rendering: Rendering, output: _Output) -> _Written:
             parts = list(output.completed_by_ffmpeg(source, writer, frames_file, part))
         parts += clip_inventory.lost_of_frames(clip.side_data, read_clip_facts(str(part), options.max_pixels).side_data)
     return _Written(tally, parts=[*writer.parts, *parts], damaged=len(source.damaged_s))
+
+
+def _save_gyro(rendering: Rendering) -> VirtualGyro | None:
+    """Writes the virtual gyro log, also of a clip that is left; returns what became of it, None if none is wanted."""
+    request, camera = rendering.request, rendering.camera
+    file = request.options.save_gyro
+    if file is None:
+        return None
+    reason = why_unfit(camera)
+    if reason is not None:
+        return VirtualGyro(reason=reason)
+    return write_virtual_gyro(file, path_of(rendering), request, camera.readout_time, request.options.overwrite)
 
 
 def _tried(request: ClipRequest, output: _Output, is_cut: bool) -> list[Part]:

@@ -20,6 +20,7 @@ from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, JsonObject, Reason
 from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.render.clip_motion import MovingFrame
+from unshutter.video.render.virtual_gyro import VirtualGyro
 
 if TYPE_CHECKING:
     from unshutter.options import FrameModel
@@ -98,6 +99,7 @@ class ClipOutcome:
         straight_degrees: that of the new clip, if lines were straightened; otherwise None.
         direction: in which the stored pixels were read, if the frames show another than usual; otherwise None.
         unfit: why frames must not be straightened with this readout time; None if they may be.
+        virtual_gyro: what became of the gyro log found in the frames; None if none was asked for.
     """
 
     source: str
@@ -122,6 +124,7 @@ class ClipOutcome:
     straight_degrees: float | None = None
     direction: ScanDirection | None = None
     unfit: Reason | None = None
+    virtual_gyro: VirtualGyro | None = None
     clock: CameraClock = field(default_factory=CameraClock)
     picture: tuple[int, int] | None = None
     damaged: int = 0
@@ -184,6 +187,7 @@ class ClipOutcome:
             "readout_ms": self.readout_ms,
             "found_by": self.readout_time.source,
             **({} if self.gyro is None else {"gyro": self.gyro.as_json()}),
+            **({} if self.virtual_gyro is None else {"virtual_gyro": self.virtual_gyro.as_json()}),
             **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
             **({} if self.enlargement is None else {"enlarged": self.enlargement.as_json()}),
             **({} if self.lens is None else {"lens": {**self.lens.as_json(), "degrees": self.lens_degrees}}),

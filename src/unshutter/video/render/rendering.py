@@ -66,7 +66,8 @@ class Rendering:
         if self.path is not None or isinstance(self.decision, Leave) or self.decision.motion is not None:
             return self._with_known_motion(decoded)
         rotations = self.camera.gyro and self.camera.gyro.rotations
-        with_steps = options.steadiness.stabilize is not None or options.save_motion is not None
+        needs = options.steadiness.stabilize, options.save_motion, options.save_gyro
+        with_steps = any(each is not None for each in needs)
         moving = with_motion(
             self.request,
             decoded,
@@ -132,11 +133,11 @@ def expected(request: ClipRequest, decision: Decision) -> dict[Stage, int]:
     """Returns how many items of its stages it takes to write a clip's frames as planned."""
     options = request.options
     frames = request.frames
-    is_steady = options.steadiness.stabilize is not None
+    needs_path = options.steadiness.stabilize is not None or options.save_gyro is not None
     is_left = isinstance(decision, Leave)
     needs_borders = not is_left and (options.may_enlarge or EdgePolicy(options.undo.edges).must_crop)
-    passes = 2 if is_steady or needs_borders else 1
-    is_known = not is_steady if isinstance(decision, Leave) else decision.motion is not None
+    passes = 2 if needs_path or needs_borders else 1
+    is_known = not needs_path if isinstance(decision, Leave) else decision.motion is not None
     searches = 0 if is_known else 1
     fits = 0 if isinstance(decision, RectifyFrames) and decision.motions is not None else _SOLVED * searches
     is_linked = options.undo.model == "dense" and not is_left
@@ -164,6 +165,8 @@ def with_views(rendering: Rendering) -> Rendering:
     options = rendering.request.options
     if options.steadiness.stabilize is not None:
         rendering = _with_steady_views(rendering)
+    if options.save_gyro is not None:
+        rendering = with_known_motion(rendering)
     return _with_hidden_borders(rendering) if options.may_enlarge else rendering
 
 
@@ -174,8 +177,7 @@ def _with_steady_views(rendering: Rendering) -> Rendering:
     rotations = level_rotations(rendering.camera.gyro) if options.steadiness.level else None
     decision = rendering.decision
     motion = None if isinstance(decision, Leave) else decision.motion
-    moving = RectifyFrames() if isinstance(decision, Leave) else decision
-    path = _path_of(replace(rendering, decision=moving), is_left=isinstance(decision, Leave))
+    path = path_of(rendering)
     if motion is not None and not any(path.middle_steps):
         raise UnshutterError(
             f"{options.motion} is from an earlier version and lacks the turns between frames: "
@@ -193,7 +195,7 @@ def with_known_motion(rendering: Rendering) -> Rendering:
     """Returns how a clip is rendered with the motion from a first pass, unless that is known or nothing is undone."""
     if rendering.path is not None or isinstance(rendering.decision, Leave):
         return rendering
-    return replace(rendering, path=_path_of(rendering))
+    return replace(rendering, path=path_of(rendering))
 
 
 def _with_hidden_borders(rendering: Rendering) -> Rendering:
@@ -210,9 +212,14 @@ def _with_hidden_borders(rendering: Rendering) -> Rendering:
     return replace(rendering, enlargement=Enlargement.least(rendering.path, *size, rendering.straight))
 
 
-def _path_of(rendering: Rendering, is_left: bool = False) -> CameraPath:
-    """Returns the motion of a clip's frames, none of which is undone if the clip is left."""
+def path_of(rendering: Rendering) -> CameraPath:
+    """Returns the motion of a clip's frames, by a first pass unless it is known; none is undone if the clip is left."""
+    if rendering.path is not None:
+        return rendering.path
     request = rendering.request
+    is_left = isinstance(rendering.decision, Leave)
+    if is_left:
+        rendering = replace(rendering, decision=RectifyFrames())
     undo = replace(request.options.undo, strength=0.0) if is_left else request.options.undo
     height, width = request.frame_size
     path = CameraPath(undo, request.scan_direction, width / height, request.lens)
