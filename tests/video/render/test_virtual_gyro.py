@@ -1,12 +1,14 @@
 """The gyro log that a clip's frames stand in for: what Gyroflow and unshutter read from it, and when there is none."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
 import unshutter
 from support import clips
 from support.gyro_logs import AXES, gyro_log
-from unshutter.video.gyro.gyro_log import log_of_file
+from unshutter.video.gyro.gyro_log import can_parse, log_of_file
 
 FRAMES = 24
 # Gyroflow's number of a readout direction, and the axes in which frames were read out (columns) in the stored picture's
@@ -51,6 +53,10 @@ def test_a_clip_is_straightened_by_its_own_log_as_by_its_frames(tmp_path, straig
     out, record, _ = straighten(clip, "--focal-px", clips.FOCAL, "--gyro", log)
     assert record["gyro"]["used"] and abs(record["gyro"]["offset_s"]) < 0.001
     assert record["readout_ms"] == pytest.approx(20) and clips.psnr(clips.luma(out), truth) > by_frames - 0.5
+    if can_parse():  # as Gyroflow does, whose axes are up, left and backward
+        samples = import_module("telemetry_parser").Parser(str(log)).normalized_imu()
+        rates = np.radians([sample["gyro"] for sample in samples])
+        assert np.allclose(rates, -log_of_file(log).rates[:, [1, 0, 2]]) and samples[500]["timestamp_ms"] == 500
 
 
 def test_at_a_cut_the_rate_is_0_and_a_part_has_the_clips_time(tmp_path, straighten):
