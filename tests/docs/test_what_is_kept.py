@@ -44,9 +44,9 @@ CHECKED = {
     ],
     "A second film": ["video/file/test_other_containers::test_a_second_film_is_carried_and_named"],
     "`--dry-run` lists": ["video/test_dry_run::test_the_list_is_that_of_the_run"],
-    "The new video has": [
-        "video/render/test_size::test_a_video_takes_as_many_bits_as_the_clip",
-        "video/render/test_size::test_a_quality_or_another_codec_is_followed_instead",
+    "The new video is": [
+        "video/render/test_size::test_a_video_takes_as_many_bits_as_the_clip_if_asked",
+        "video/render/test_size::test_a_quality_is_followed_unless_the_clips_rate_is_asked_for",
     ],
     "**A clip is better": [f"{GAIN}::test_what_does_not_help_is_not_done"],
     "Some tracks": [f"{GAIN}::test_what_a_rolling_shutter", f"{GAIN}::test_what_does_not_help_is_not_done"],

@@ -165,8 +165,7 @@ def _rate_line(before: float, after: float, encode: Encode) -> str:
     """Compares the new video's size with the clip's, and names the option that changes it."""
     times = after / before
     size = f"{times:.1f} times as large as" if times > 1 else f"{1 / times:.1f} times smaller than"
-    quality = encode.codec is None and encode.crf is not None
-    advice = "without --crf it has as many" if quality else "--crf chooses its quality, and with it the size"
+    advice = "--crf chooses another quality" + ("" if encode.bitrate else ", --bitrate same keeps the clip's size")
     return (
         f"unshutter: the video will be about {size} the clip's: {after / 1e6:.1f} instead of {before / 1e6:.1f} "
         f"million bits a second; {advice}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from unshutter.errors import UsageError
 from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_count, check_time, option
@@ -169,8 +170,11 @@ class Encode:
     )
     crf: float | None = option(
         None,
-        "Quality: lower looks better and makes larger files. Default: the clip's bits per second; for another codec, "
-        "18 (libx264), 20 (libx265), 24 (libsvtav1).",
+        "Quality: lower looks better and makes larger files. Default: visually lossless, 12 (libx264, libx265), "
+        "10 (libvpx-vp9), 8 (libsvtav1).",
+    )
+    bitrate: Literal["same"] | None = option(
+        None, "same: as many bits per second as the clip, whatever that costs in sharpness."
     )
     preset: str | None = option(
         None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1).", names="word"
@@ -179,6 +183,8 @@ class Encode:
     def __post_init__(self) -> None:
         if self.crf is not None and not 0 <= self.crf <= 63:
             raise UsageError(f"{{--crf}} must lie between 0 and 63, got {self.crf:g}")
+        if self.bitrate is not None and self.crf is not None:
+            raise UsageError("{--bitrate} and {--crf} exclude each other")
 
 
 @dataclass(frozen=True)

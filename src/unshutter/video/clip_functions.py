@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -69,6 +70,7 @@ def rectify_clip(
     level: bool = False,
     codec: str | None = None,
     crf: float | None = None,
+    bitrate: Literal["same"] | None = None,
     preset: str | None = None,
     start: float | None = None,
     end: float | None = None,

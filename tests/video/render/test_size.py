@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 
 from support import clips
 from support.covering import covering
 from unshutter.cli import main
+from unshutter.errors import UsageError
 from unshutter.options.clip_options import Encode, RectifyClip
 from unshutter.readout_time import ReadoutTime
 from unshutter.video.calibrate.camera import ClipCamera
@@ -31,9 +34,9 @@ def new_size(path, *flags):
 
 
 @pytest.mark.parametrize(("rate", "ending"), covering(["150k", "3M"], [".mp4", ".mkv"]))
-def test_a_video_takes_as_many_bits_as_the_clip(tmp_path, greys, rate, ending, capsys):
+def test_a_video_takes_as_many_bits_as_the_clip_if_asked(tmp_path, greys, rate, ending, capsys):
     clip = clips.write(tmp_path / f"in{ending}", greys, options={"b": rate, "preset": "veryfast"})
-    assert 0.7 < new_size(clip) < 1.4
+    assert 0.7 < new_size(clip, "--bitrate", "same") < 1.4
     assert "bits a second" not in capsys.readouterr().err
 
 
@@ -42,18 +45,38 @@ def test_a_video_that_becomes_much_larger_or_smaller_is_announced(tmp_path, grey
     times = new_size(clip, "--crf", "5")
     lines = capsys.readouterr().err.splitlines()
     announced = next(k for k, line in enumerate(lines) if "times as large as the clip's" in line)
-    assert times > 1.6 and "without --crf" in lines[announced]
+    assert times > 1.6 and "--bitrate same keeps" in lines[announced]
     assert announced < next(k for k, line in enumerate(lines) if "straightened" in line)
     assert new_size(clip, "--crf", "45") < 1 / 1.6
     assert "times smaller than the clip's" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("encode", [Encode(crf=20), Encode(codec="libx265")])
-def test_a_quality_or_another_codec_is_followed_instead(tmp_path, greys, encode):
+def test_a_quality_is_followed_unless_the_clips_rate_is_asked_for(tmp_path, greys):
     clip = read_clip_facts(str(clips.write(tmp_path / "in.mp4", greys[:5])))
-    encoder = Encoder.choose(clip, encode)
-    assert encoder.bits_per_s is None and encoder.options["crf"] == "20"
-    assert Encoder.choose(clip, Encode()).bits_per_s and "crf" not in Encoder.choose(clip, Encode()).options
+    for encode, crf in ((Encode(crf=20), "20"), (Encode(codec="libx265"), "12"), (Encode(), "12")):
+        encoder = Encoder.choose(clip, encode)
+        assert encoder.bits_per_s is None and encoder.options["crf"] == crf
+    for codec in (None, "libx265"):
+        encoder = Encoder.choose(clip, Encode(codec, bitrate="same"))
+        assert encoder.bits_per_s and "crf" not in encoder.options
+    for codec, of, said in (("ffv1", clip, "does not support"), (None, _without_rate(clip), "does not state")):
+        with pytest.raises(UsageError, match=said):
+            Encoder.choose(of, Encode(codec, bitrate="same"))
+
+
+def _without_rate(clip):
+    return replace(clip, coding=replace(clip.coding, bits_per_s=0.0))
+
+
+def test_a_new_video_is_as_sharp_as_the_clip(tmp_path, greys):
+    """Frames that did not move keep their sharpness and 45 dB, with the encoder's own preset."""
+    clip = clips.write(tmp_path / "in.mp4", greys[:8], options={"crf": "0"})
+    before = clips.luma(clip)
+    for codec in ("libx264", "libx265"):
+        options = Encoder.choose(read_clip_facts(str(clip)), Encode(codec)).options
+        after = clips.luma(clips.write(tmp_path / f"{codec}.mp4", greys[:8], codec, options=options))
+        sharp = [sum(cv2.Laplacian(each, cv2.CV_64F).var() for each in some) for some in (before, after)]
+        assert 10 * np.log10(255**2 / np.square(after - before).mean()) > 45 and sharp[1] > 0.95 * sharp[0]
 
 
 def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatch):

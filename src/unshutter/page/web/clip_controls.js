@@ -68,7 +68,8 @@ export class ClipControls extends Panel {
   /** @param {string} name @param {string} value @param {boolean} [dragged] */
   set(name, value, dragged) {
     if (dragged) return; // a draft would take too long
-    if (name === "codec") for (const other of ["crf", "preset"]) this.item?.set(other, ""); // which are of the other
+    const others = { codec: ["crf", "bitrate", "preset"], crf: ["bitrate"], bitrate: ["crf"] }[name] ?? [];
+    for (const other of others) this.item?.set(other, ""); // which are of the other, or exclude it
     if (name === "stabilize" && !value) this.item?.set("zoom-limit", ""); // which needs it
     super.set(name, value);
   }

@@ -15,13 +15,9 @@ export const ENCODING = ["codec", "crf", "preset"];
 export function showEncoders(form, { own, keeps_rate: keepsRate, usual, described }, options) {
   const { codec = "" } = options;
   const { presets = [], crf: [lossless, smaller] = [] } = described[codec || own] ?? {};
-  const same = (codec || own) === own;
-  const ownRate = keepsRate && same;
   const { asClip, best, small } = words.qualityOf;
-  const usualQuality = ownRate ? asClip : lossless ? best : same ? asClip : words.usual;
   /** @type {[string, string][]} */
-  const qualities = [["", usualQuality]];
-  if (lossless && ownRate) qualities.push([String(lossless), best]);
+  const qualities = [["", lossless ? best : asClip]];
   if (smaller) qualities.push([String(smaller), small]);
   const named = /** @type {Record<string, string>} */ (words.encoderOf);
   /** @type {Record<string, [string, string][]>} */
@@ -41,6 +37,7 @@ export function showEncoders(form, { own, keeps_rate: keepsRate, usual, describe
     field.value = asked;
     field.disabled = all.length === 1;
   }
+  form.field("bitrate").disabled = !keepsRate || (codec || own) !== own;
 }
 
 /** @param {string} value @returns {[string, string]} */

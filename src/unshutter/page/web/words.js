@@ -246,6 +246,7 @@ export const words = {
     codec: "Encoder",
     crf: "Quality",
     preset: "Speed of the encoder",
+    bitrate: "Size",
   },
   choices: {
     moving: {
@@ -267,6 +268,7 @@ export const words = {
     },
     format: { "": "like the original" },
     model: { "": "as the frames show", camera: "alike", dense: "differently" },
+    bitrate: { "": "by quality", same: "as the clip" },
     subsampling: { "": "like the original" },
   },
   help: {
@@ -275,7 +277,7 @@ export const words = {
     upright: "Turned, whether or not the camera moved",
     edges: "Places that the photo did not see. Automatic: borrowed from its neighbours where it has any, else cut off",
     format: "Of the file that is saved",
-    crf: "Of the clip that is saved. As the clip: as many bits per second. Smaller: about half of visually lossless",
+    crf: "Of the clip that is saved. Smaller: about half of visually lossless",
     stabilize: "Smooths away movements of the camera that are shorter than so many seconds",
     "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
   },
