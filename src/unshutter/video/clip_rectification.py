@@ -350,7 +350,8 @@ def _save_gyro(rendering: Rendering) -> VirtualGyro | None:
     file = request.options.save_gyro
     if file is None:
         return None
-    reason = why_unfit(camera)
+    is_left = isinstance(rendering.decision, Leave)
+    reason = why_unfit(camera) or (camera.readout_time.instead_of if is_left else None)
     if reason is not None:
         return VirtualGyro(reason=reason)
     return write_virtual_gyro(file, path_of(rendering), request, camera.readout_time, request.options.overwrite)

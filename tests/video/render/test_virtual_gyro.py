@@ -71,10 +71,11 @@ def test_at_a_cut_the_rate_is_0_and_a_part_has_the_clips_time(tmp_path, straight
 
 
 @pytest.mark.parametrize(
-    ("frames", "why"), [(3, "does not show its readout time"), (1, "do not show how the camera moved")]
+    ("frames", "flags", "why"),
+    [(3, [], "does not show its readout time"), (1, clips.KNOWN, "do not show how the camera moved")],
 )
-def test_a_clip_too_short_for_its_readout_time_gives_no_log(tmp_path, straighten, frames, why):
+def test_a_clip_too_short_for_its_readout_time_or_for_a_turn_gives_no_log(tmp_path, straighten, frames, flags, why):
     clip, log = clips.write(tmp_path / "in.mkv", clips.moving(frames)[1], "ffv1"), tmp_path / "a.gcsv"
-    _, record, printed = straighten(clip, "--save-gyro", log)
+    _, record, printed = straighten(clip, *flags, "--save-gyro", log)
     assert not record["virtual_gyro"]["written"] and not log.exists()
     assert [why in line for line in printed.splitlines() if "no gyro log written: " in line] == [True]
