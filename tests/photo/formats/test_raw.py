@@ -19,6 +19,7 @@ from support.tagged_files import (
 )
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo, exif
+from unshutter.photo.directories import read_tree
 from unshutter.photo.formats import raw
 from unshutter.photo.libvips import Source
 
@@ -125,6 +126,10 @@ def test_what_a_raw_file_keeps_to_itself_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.dng").write_bytes(private)
     assert Photo.open(tmp_path / "a.dng").encode().left_out == ("other data",)
     assert Photo.from_bytes(dng(linear(soft()))).encode().left_out == ()
+    of_shot = [(0xC68B, 2, 0, "A001.CR2", True), (0xC763, 1, 8, bytes(range(8)), True), (0xC789, 2, 0, "Reel 7", True)]
+    result = Photo.from_bytes(dng(linear(soft()), tags=of_shot)).encode()
+    kept = read_tree(io.BytesIO(result.data)).pages[0]
+    assert kept.keys() >= {0xC68B, 0xC763, 0xC789} and 0xC621 not in kept  # the colour matrix is of the sensor's values
 
 
 def with_longer_strip(raw_file: bytes, more: int) -> bytes:

@@ -10,6 +10,7 @@ from support.movie_boxes import box, chunk_places, with_entry_boxes, with_gaps, 
 from unshutter.cli import main
 from unshutter.inventory import left_out
 from unshutter.video.file.clip_inventory import lost_of_frames
+from unshutter.video.file.containers import creation_time, opened
 
 GREYS = clips.moving(24)[1]
 CREDENTIALS = box(b"uuid", bytes.fromhex("d8fec3d61b0e483c92975828877ec481") + bytes(40))
@@ -58,19 +59,41 @@ def element(number, content):
     return number.to_bytes((number.bit_length() + 7) // 8, "big") + bytes([0x80 | len(content)]) + content
 
 
-def test_further_names_of_chapters_in_matroska(tmp_path, capsys):
+LANGUAGES = "languages of chapters, countries of chapters, regional languages of tracks, regional languages of tags"
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (((0x85, b"One"), (0x85, b"Eins")), "further names of chapters"),
+        (((0x437C, b"und"), (0x22B59D, b"en"), (0x447B, b"en")), ""),
+        (((0x437C, b"ger"), (0x437E, b"mx"), (0x22B59D, b"es-419"), (0x447B, b"de-AT")), LANGUAGES),
+    ],
+)
+def test_texts_of_matroska_that_ffmpeg_passes_over(tmp_path, capsys, texts, said):
     chapters = [{"id": 0, "start": 0, "end": 200, "time_base": clips.Fraction(1, 1000), "metadata": {"title": "One"}}]
     made = clips.write(tmp_path / "made.mkv", GREYS, chapters=chapters)
-    assert not_kept(capsys, made, tmp_path / "out.mkv") == ""
     data = made.read_bytes()
     at = data.index(b"\xec\1\0\0\0\0\0\0") + 9  # what keeps room for an index
-    names = (element(0x80, element(0x85, name)) for name in (b"One", b"Eins"))
-    listed = element(0x1043A770, element(0x45B9, element(0xB6, element(0x73C4, b"\1") + b"".join(names))))
+    names = b"".join(element(0x80, element(kind, text)) for kind, text in texts)  # all in the displays of a chapter
+    listed = element(0x1043A770, element(0x45B9, element(0xB6, element(0x73C4, b"\1") + names)))
     assert data[at - 1] > len(listed) + 2
     void = b"\xec" + bytes([0x80 | data[at - 1] + 9 - len(listed) - 2])
     path = tmp_path / "in.mkv"
     path.write_bytes(data[: at - 9] + listed + void + data[at - 9 + len(listed) + 2 :])
-    assert not_kept(capsys, path, tmp_path / "out.two.mkv") == "further names of chapters"
+    assert not_kept(capsys, path, tmp_path / "out.mkv") == said
+
+
+def test_date_of_creation(tmp_path, capsys):
+    date = "2003-12-12T01:31:27.000000Z"
+    for name, codec in (("a.wmv", "wmv2"), ("a.mxf", "mpeg2video")):
+        made = clips.write(tmp_path / name, GREYS, codec, options={"b": "2M"}, tags={"creation_time": date})
+        for ending, flags in ((made.suffix, ()), (".mkv", ("--codec", "libx264"))):
+            target = tmp_path / f"out.{name}{ending}"
+            assert "creation_time" not in not_kept(capsys, made, target, *flags)
+            with opened(str(target)) as video:
+                assert date in (creation_time(video) | video.container.metadata).values()
+        assert "creation_time" in not_kept(capsys, made, tmp_path / f"{name}.avi", "--codec", "mjpeg")
 
 
 def test_texts_of_mxf(tmp_path, capsys):

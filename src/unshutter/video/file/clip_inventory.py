@@ -67,8 +67,9 @@ def parts(source: containers.VideoFile, target: str, carried: Iterable[Any], is_
         is_part: whether it is only a part of the clip.
     """
     with containers.opened(target) as new:
-        values = set(_tags([new.container, *new.container.streams]).values())
-        old = _tags([source.container, source.video, *carried])
+        tags = _tags([new.container, *new.container.streams]) | containers.creation_time(new)
+        values = set(tags.values())
+        old = _tags([source.container, source.video, *carried]) | containers.creation_time(source)
         chapters = len(source.container.chapters()), len(new.container.chapters())
     old = {name: value for name, value in old.items() if not _is_of_files(name, value)}
     names = [name for name, value in old.items() if value not in values]
@@ -87,7 +88,7 @@ def parts(source: containers.VideoFile, target: str, carried: Iterable[Any], is_
         elif source.container.format.name == "mxf":
             yield from _mxf_texts(source.stream, Path(target), known)
         elif "matroska" in source.container.format.name:
-            yield from _chapter_names(source.stream, source.container.chapters())
+            yield from _texts_of_matroska(source.stream, source.container.chapters(), known)
         elif "mp4" in source.container.format.name:
             yield from _boxes(source.stream, source.video.id, known)
 
@@ -165,18 +166,39 @@ def _is_known(name: bytes, content: bytes, structure: tuple[bytes, ...], known: 
 
 # ---- Matroska -------------------------------------------------------------------------------------------------------
 
-_CHAPTER_NAME = 0x85
-_HOLDERS = (0x18538067, 0x1043A770, 0x45B9, 0xB6, 0x80)  # segment, chapters, edition, chapter, what is shown of it
+# elements that FFmpeg passes over -> for people; of the names and languages of chapters, it takes some
+_TEXTS = {
+    0x85: "further names of chapters",
+    0x437C: "languages of chapters",
+    0x437D: "languages of chapters",
+    0x437E: "countries of chapters",
+    0x22B59D: "regional languages of tracks",
+    0x447B: "regional languages of tags",
+}
+_OF_CHAPTERS = (0x85, 0x437C, 0x437D, 0x437E)
+_HOLDERS = (
+    *(0x18538067, 0x1043A770, 0x45B9, 0xB6, 0x80),  # segment, chapters, edition, chapter, what is shown of it
+    *(0x1654AE6B, 0xAE, 0x1254C367, 0x7373, 0x67C8),  # tracks, a track, tags, those of one thing, a tag
+)
 
 
-def _chapter_names(stream: BinaryIO, chapters: Iterable[Any]) -> Iterator[Part]:
-    """Yields the names of chapters that FFmpeg passes over: it takes one of each chapter, of the first edition."""
-    taken = {chapter["metadata"].get("title", "").encode() for chapter in chapters}
-    if any(name.rstrip(b"\0") not in taken for name in _names_in(stream, 0, stream.seek(0, os.SEEK_END))):
-        yield Part("further names of chapters", Fate.LEFT_OUT)
+def _texts_of_matroska(stream: BinaryIO, chapters: Iterable[Any], known: set[bytes]) -> Iterator[Part]:
+    """Yields the names, languages and countries that FFmpeg passes over: of chapters, it takes the first edition's."""
+    taken = {value.encode() for chapter in chapters for value in chapter["metadata"].values()} | {b"", b"und"}
+    names = dict.fromkeys(
+        _TEXTS[kind]
+        for kind, value in _texts_in(stream, 0, stream.seek(0, os.SEEK_END))
+        if value not in taken and (kind in _OF_CHAPTERS or _is_regional(value, known))
+    )
+    yield from (Part(name, Fate.LEFT_OUT) for name in names)
 
 
-def _names_in(stream: BinaryIO, at: int, end: int) -> Iterator[bytes]:
+def _is_regional(language: bytes, known: set[bytes]) -> bool:
+    """Whether a language is another than the one of three letters next to it."""
+    return len(language) > 2 and language not in known
+
+
+def _texts_in(stream: BinaryIO, at: int, end: int) -> Iterator[tuple[int, bytes]]:
     for _ in range(_MOST_CHUNKS):
         if at + 2 > end:
             return
@@ -187,10 +209,10 @@ def _names_in(stream: BinaryIO, at: int, end: int) -> Iterator[bytes]:
         start = at + length + more
         at = start + (size & (1 << 7 * more) - 1)
         if kind in _HOLDERS:
-            yield from _names_in(stream, start, min(at, end))
-        elif kind == _CHAPTER_NAME:
+            yield from _texts_in(stream, start, min(at, end))
+        elif kind in _TEXTS:
             stream.seek(start)
-            yield stream.read(min(at - start, _LONGEST))
+            yield kind, stream.read(min(at - start, _LONGEST)).rstrip(b"\0")
 
 
 def _number(data: bytes) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from unshutter.inventory import Fate, Part
 from unshutter.options.clip_options import Encode
 from unshutter.progress import ClipObserver
 from unshutter.video.file.clip_facts import ClipFacts
-from unshutter.video.file.containers import ALPHA_MODE, COVER, ONE_FILM, VideoFile, opened, time_of
+from unshutter.video.file.containers import ALPHA_MODE, COVER, ONE_FILM, VideoFile, creation_time, opened, time_of
 from unshutter.video.file.dynamic_hdr import DynamicHdr
 from unshutter.video.file.encoders import REDUCED, Encoder, light_boxes, others_for
 from unshutter.video.file.part_times import chapters_of_part, timecode_after
@@ -90,7 +90,7 @@ class VideoWriter:
             self._stream.disposition = like.disposition
         if ending is not None:  # otherwise a timecode would become a track of its own
             self._stream.metadata.update(self._tags(like.metadata))
-            container.metadata.update(self._tags(source.container.metadata))
+            container.metadata.update(self._tags({**source.container.metadata, **creation_time(source)}))
             self._add_others(source, encoder, ending)
             if chapters := self._chapters(source):
                 container.set_chapters(chapters)
