@@ -102,7 +102,8 @@ def write_pages(build: Path, docs: Path) -> None:
 def _write_examples_and_speed(examples: Results | None, build: Path, docs: Path) -> None:
     if examples:
         (docs / "examples.md").write_text(_sheets(examples, build, docs))
-    timings = [path.read_text().strip() for path in (build / "estimators.md", build / "rectify.md") if path.exists()]
+    paths = [build / f"{name}.md" for name in ("estimators", "rectify", "clips")]
+    timings = [path.read_text().strip() for path in paths if path.exists()]
     if timings:
         (docs / "speed.md").write_text("\n\n".join(["# Run time and memory", *timings, BACK]) + "\n")
 

@@ -50,6 +50,7 @@ OTHERS = ["astronaut", "rocket", "camera", "gravel", "page", "grass", "chelsea",
 BENCHES = {
     "estimators": ["bench_estimators.py", "--rounds", "3"],
     "rectify": ["bench_rectify.py", "--runs", "5"],
+    "clips": ["bench_clips.py", "--runs", "3"],
 }
 
 
@@ -74,7 +75,8 @@ def main() -> None:
             words += ["--output", str(BUILD / name), "--overwrite"]
             _run([sys.executable, "-m", "unshutter", *words, *(["--jobs", str(given.jobs)] if given.jobs else [])])
         for name, words in BENCHES.items() if not given.only else ():
-            rounds = [] if name == "rectify" else ["--estimators", given.estimators]
+            rounds = {"estimators": ["--estimators", given.estimators], "clips": [str(given.data / "video/real")]}
+            rounds = rounds.get(name, [])
             text = _run([sys.executable, f"{ROOT}/benchmarks/{words[0]}", *words[1:], *rounds], keep=True)
             (BUILD / f"{name}.md").write_text(f"```sh\npython benchmarks/{' '.join(words)}\n```\n\n{text}")
     for name in given.only:
