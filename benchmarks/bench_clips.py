@@ -11,7 +11,6 @@ largest process. A clip that unshutter leaves is named so: then its time is that
 from __future__ import annotations
 
 import argparse
-import filecmp
 import os
 import subprocess
 import sys
@@ -59,7 +58,8 @@ def _costs(clip: Path, folder: Path) -> tuple[Cost, Cost, Cost]:
         (*_QUIET, source, "-vf", f"vidstabdetect=result={path}", "-f", "null", "-"),
         (*_QUIET, source, "-vf", f"vidstabtransform=input={path}", *_ENCODER, "-an", out),
     )
-    command = (sys.executable, "-m", "unshutter", "video", source, "-o", out, "--overwrite")
+    Path(out).unlink()
+    command = (sys.executable, "-m", "unshutter", "video", source, "-o", out, "--only-changed")
     return encoded, stabilised, Cost.of((*command, "--codec", "libx264", "--crf", "18", "--preset", "medium"))
 
 
@@ -69,7 +69,7 @@ def _row(clip: Path, folder: Path, runs: int) -> str:
         costs = tuple(map(Cost.least, costs, _costs(clip, folder)))
     encoded, stabilised, rectified = costs
     extra = (rectified.seconds - encoded.seconds) / max(stabilised.seconds - encoded.seconds, 0.01)
-    name = f"{clip.stem} (left)" if filecmp.cmp(clip, folder / f"out{clip.suffix}", shallow=False) else clip.stem
+    name = clip.stem if (folder / f"out{clip.suffix}").exists() else f"{clip.stem} (left)"
     return (
         f"| {name} | {encoded.seconds:.1f} | {stabilised.seconds:.1f} | {rectified.seconds:.1f} "
         f"| {rectified.seconds / stabilised.seconds:.2f} | {extra:.1f} | {rectified.megabytes:.0f} |"
