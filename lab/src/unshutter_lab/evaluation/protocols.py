@@ -274,7 +274,7 @@ PROTOCOLS = {
         "of 6 levels); with every eighth frame repeated; on a drone that vibrates. PSNR of RGB [dB] is taken against "
         "noiseless global-shutter frames at the time of the middle row: of still surfaces that both shutters see, and "
         "of whole pictures, without a border of 6 %. *exact-map* is the bound: the true map, with near surfaces and "
-        "people, applied to the decoded clip, and encoded at the clip's bit rate, as ours are. Shares are of its gain "
+        "people, applied to the decoded clip, and encoded as ours are. Shares are of its gain "
         "in dB. *unshutter-given* is given the readout ratio and the lens, or the focal length. x264 does not always "
         "write the same bytes, so that figures differ a little from run to run.",
         _rendered_clips,

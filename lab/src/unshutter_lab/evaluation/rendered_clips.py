@@ -1,7 +1,7 @@
 """Scores ``unshutter video`` on rendered clips, whose global-shutter frames and exact map are known.
 
 The clip that is straightened is encoded (H.264, 4:4:4). The bound is the exact map applied to its decoded frames and
-encoded with the same encoder at the same bit rate, so that neither the codec nor the interpolation counts as a loss.
+encoded with the same encoder at the same quality, so that neither the codec nor the interpolation counts as a loss.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from unshutter_lab.synthesis.rendered_places import ClipSettings, RenderedPlace
 GIVEN, EXACT = "unshutter-given", "exact-map"
 RENDERED_METHODS = (NOTHING, OURS, GIVEN, EXACT)
 _ENDING, _FORMAT, _CRF = ".mkv", "yuv444p", "18"
+_LOSSLESS = "12"  # the CRF at which our clips look like the original
 _BORDER = 0.06  # of the height, without which pictures are compared
 _BENT = (0.10, -0.06, 0.02, -0.003)  # a lens that one number for its bend does not describe
 CLIPS = (
@@ -80,8 +81,7 @@ class RenderedClipCase(Case):
                 cv2.remap(frame, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
                 for frame, (at, _) in zip(_frames(clip), maps, strict=True)
             )
-            bits_per_s = round(clip.stat().st_size * 8 * self.settings.fps / self.settings.frames)
-            _write(exact, undone, self.settings.fps, {"b": f"{bits_per_s}"})
+            _write(exact, undone, self.settings.fps, {"crf": _LOSSLESS})
             scores = {NOTHING: _scores(clip, truth, still, inner), EXACT: _scores(exact, truth, still, inner)}
             records = []
             for method in names:
