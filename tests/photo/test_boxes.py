@@ -9,7 +9,7 @@ from support.camera_files import heic
 from support.drawn_photos import drawn, encoded
 from unshutter.inventory import left_out
 from unshutter.photo import Photo
-from unshutter.photo.boxes import auxiliary_items, parts_of
+from unshutter.photo.boxes import auxiliary_items, has_gain_map, parts_of
 
 GAIN_MAP = "urn:com:apple:photo:2020:aux:hdrgainmap"
 SDR = "gain map (the result is SDR)"
@@ -85,6 +85,14 @@ def test_other_items_and_boxes_have_names() -> None:
         "regions",
         "film",
     )
+
+
+def test_a_gain_map_that_is_no_auxiliary_picture_has_a_name() -> None:
+    items = [item(2, b"hvc1", hidden=True), item(3, b"tmap"), item(4, b"hvc1")]
+    references = [reference(b"dimg", 3, 1, 2), reference(b"auxl", 4, 1)]
+    matte = "urn:com:apple:photo:2018:aux:portraiteffectsmatte"
+    assert named(file_of(items, references, {4: matte})) == ("mattes", SDR)
+    assert not has_gain_map(file_of(items, references, {4: matte}))
 
 
 def test_boxes_that_end_too_early_have_none() -> None:

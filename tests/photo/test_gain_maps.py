@@ -180,6 +180,22 @@ def test_a_depth_map_is_warped_without_mixing_near_and_far() -> None:
     assert "depth map" in " ".join(rectify(data, motion=MOTION, edges="fill").encode("webp").left_out)
 
 
+def test_a_matte_is_warped_as_the_picture_is() -> None:
+    base, gain = scene(HEIGHT, WIDTH)
+    told = DEPTH.replace(b"2017:aux:depth", b"2018:aux:portraiteffectsmatte")
+    matte = with_segments(
+        encoded(np.round(gain * 80).astype(np.uint8), "JPEG", quality=98), segment(0xE1, XMP_PREFIX + told)
+    )
+    data = encoded(base, "JPEG", quality=97) + matte
+    result = rectify(data, motion=MOTION, edges="fill")
+    file = result.encode()
+    new = file.data[file.data.rindex(b"\xff\xd8\xff") :]
+    assert file.left_out == () and segments_of(new) == segments_of(matte)
+    exact = rectify(np.dstack([pixels_of(matte)] * 3), motion=MOTION, edges="fill").array
+    assert np.abs(pixels_of(new).astype(float) - exact[..., 0]).mean() < 1
+    assert result.encode("png").left_out == ("mattes",)
+
+
 def test_a_motion_photos_map_comes_before_its_video() -> None:
     item = b'<rdf:li rdf:parseType="Resource"><Container:Item Item:Mime="image/jpeg" Item:Semantic="Primary"/></rdf:li>'
     data = hdr_photo()

@@ -139,6 +139,27 @@ def test_further_pictures_are_named_by_their_own_metadata(xmp: bytes, name: str)
     assert names(jpeg_with(drawn()) + further + iso) == list(dict.fromkeys([name, SDR]))
 
 
+GOOGLE = "xmlns:{0}='http://ns.google.com/photos/{1}/'"
+OLDER = f"<rdf:Description {GOOGLE.format('GDepth', '1.0/depthmap')} {GOOGLE.format('GImage', '1.0/image')} "
+OLDER += "GDepth:Format='RangeInverse' GDepth:Data='QUJD' GImage:Mime='image/jpeg'/>"
+DYNAMIC = f"<rdf:Description {GOOGLE.format('Container', 'dd/1.0/container')} {GOOGLE.format('Item', 'dd/1.0/item')} "
+DYNAMIC += f"{GOOGLE.format('D', 'dd/1.0/depthmap')}><D:DepthURI>android/depthmap</D:DepthURI><Container:Directory>"
+DYNAMIC += "<rdf:Seq><rdf:li><Container:Item Item:DataURI='android/depthmap' Item:Length='9'/></rdf:li></rdf:Seq>"
+DYNAMIC += "</Container:Directory></rdf:Description>"
+
+
+@pytest.mark.parametrize(("told", "behind"), [(OLDER, b""), (DYNAMIC, jpeg_with(drawn(32, 32)))])
+def test_depth_photos_of_google_lose_their_pictures_and_what_lists_them(told: str, behind: bytes) -> None:
+    packet = "<x:xmpmeta xmlns:x='adobe:ns:meta/'><rdf:RDF xmlns:rdf='http://www.w3.org/1999/02/22-rdf-syntax-ns#'>"
+    packet += f"{told}</rdf:RDF></x:xmpmeta>"
+    data = jpeg_with(drawn(), (0xE1, b"http://ns.adobe.com/xap/1.0/\0" + packet.encode())) + behind
+    for format in ("jpeg", "png"):
+        file = Photo.from_bytes(data).encode(format)
+        assert set(file.left_out) == {"depth map", "further pictures"}
+        assert b"Data=" not in file.data and b"DepthURI" not in file.data and b"Directory" not in file.data
+        assert Photo.from_bytes(file.data).encode().left_out == ()
+
+
 @pytest.mark.parametrize(("kind", "name"), [(0x010001, "preview"), (0x050000, SDR), (0x020003, "further pictures")])
 def test_further_pictures_are_named_by_the_list_of_pictures(kind: int, name: str) -> None:
     further = jpeg_with(drawn(32, 32))

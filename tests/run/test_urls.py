@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from support.batches import make_photos, rectify, results
+from support.drawn_photos import drawn
+from support.gain_maps import heic_with_gain_map
 from unshutter.photo import Photo
 from unshutter.storage.objects import objects_below, path_of, read_object, send
 
@@ -112,6 +114,14 @@ def test_one_object(store: str, motion: Path, tmp_path: Path, capsys) -> None:
     for missing in (f"{store}/in/none.jpg", f"{store}/nothing"):
         assert rectify(missing, "-o", tmp_path / "out") == 1
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_object_with_a_gain_map_says_what_its_avif_loses(memory: str, motion: Path, tmp_path: Path, capsys) -> None:
+    send(heic_with_gain_map(drawn(72, 96, 4)), path_of(f"{memory}/in/a.heic"))
+    for source in (f"{memory}/in/a.heic", f"{memory}/in"):
+        assert rectify(source, "-o", f"{memory}/out", "--motion", motion, "--overwrite") == 0
+        assert "not kept: gain map (the result is SDR)" in capsys.readouterr().err
+    assert list(pictures(f"{memory}/out")) == ["a.heic.rectified.avif"]
 
 
 def test_an_unknown_protocol(tmp_path: Path, capsys) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.parsers import expat
 
-from unshutter.photo.parts import DEPTH_MAP, GAIN_MAP, Found, further_picture
+from unshutter.photo.parts import DEPTH_MAP, GAIN_MAP, PICTURES, Found, further_picture
 
 # Prefixes and their namespaces; packets that use them undeclared are accepted.
 NAMESPACES = {
@@ -33,6 +33,8 @@ NAMESPACES = {
     "Item": "http://ns.google.com/photos/1.0/container/item/",
     "GDepth": "http://ns.google.com/photos/1.0/depthmap/",
     "GImage": "http://ns.google.com/photos/1.0/image/",
+    "DynamicContainer": "http://ns.google.com/photos/dd/1.0/container/",
+    "DynamicDepth": "http://ns.google.com/photos/dd/1.0/depthmap/",
     "GPano": "http://ns.google.com/photos/1.0/panorama/",
     "GFocus": "http://ns.google.com/photos/1.0/focus/",
     "crs": "http://ns.adobe.com/camera-raw-settings/1.0/",
@@ -224,7 +226,8 @@ _HEIGHTS = ("exif:PixelYDimension", "tiff:ImageLength")
 _SMALL_OR_ELSEWHERE = ("xmp:Thumbnails", "xmpNote:HasExtendedXMP")
 _VIDEO = re.compile("GCamera:(MotionPhoto|MicroVideo)")
 _OF_GAIN_MAP = re.compile("(hdrgm|HDRGainMap):")
-_BESIDE = re.compile("(GDepth|GImage):")
+# what results lack, by prefix: Google's older and newer depth photos
+_BESIDE = {"GDepth": DEPTH_MAP, "GImage": PICTURES, "DynamicContainer": PICTURES, "DynamicDepth": DEPTH_MAP}
 _AUXILIARY = {"GainMap": GAIN_MAP, "Depth": DEPTH_MAP, "DepthMap": DEPTH_MAP}  # names by what a list of contents says
 _DIRECTORY = "Container:Directory"
 _SEMANTIC = "Item:Semantic"
@@ -294,7 +297,7 @@ def _update(packet: Packet, thing: Element | Attribute, name: str, picture: Next
     elif name == _OLD_VIDEO_LENGTH and picture.video is not None:
         packet.set_number(thing, picture.video.to_end)
     elif (
-        _BESIDE.match(name)
+        name.partition(":")[0] in _BESIDE
         or (_OF_GAIN_MAP.match(name) and not picture.has_gain_map)
         or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
         or (picture.video is None and _VIDEO.match(name))
@@ -360,6 +363,10 @@ def lost(packet: bytes, has_video: bool, gain_map_is_told: bool) -> Iterator[Fou
     """Yields the additional pictures and videos that the packet describes but the next file lacks."""
     if not gain_map_is_told and has_gain_map(packet):
         yield further_picture(GAIN_MAP)
+    read = _read(packet) if _FOLLOWS.search(packet) else None
+    names = {name for element in read.root.below() for name in (element.name, *element.attributes)} if read else ()
+    beside = {_BESIDE[prefix] for name in names if (prefix := name.partition(":")[0]) in _BESIDE}
+    yield from map(further_picture, sorted(beside))
     if not has_video and video_bytes(packet) is not None:
         yield Found("film")
 
