@@ -180,6 +180,18 @@ def test_a_depth_map_is_warped_without_mixing_near_and_far() -> None:
     assert "depth map" in " ".join(rectify(data, motion=MOTION, edges="fill").encode("webp").left_out)
 
 
+def test_a_depth_map_that_only_xmp_lists_is_left_out_by_its_name() -> None:
+    depth = encoded(np.zeros((60, 80), np.uint8), "JPEG")
+    data = hdr_photo(depth=depth)
+    base = pictures_of(data)[0]
+    old = segments_of(base)[1]
+    item = b'<rdf:li><Container:Item Item:Mime="image/jpeg" Item:Semantic="Depth" Item:Length="%d"/></rdf:li>'
+    new = old.replace(b"</rdf:Seq>", item % len(depth) + b"</rdf:Seq>")
+    plain = base.replace(segment(0xE1, old), segment(0xE1, new))
+    file = Photo.from_bytes(plain + data[len(base) :]).encode()
+    assert file.left_out == ("depth map",) and b'"GainMap"' in file.data and b'"Depth"' not in file.data
+
+
 def test_a_matte_is_warped_as_the_picture_is() -> None:
     base, gain = scene(HEIGHT, WIDTH)
     told = DEPTH.replace(b"2017:aux:depth", b"2018:aux:portraiteffectsmatte")

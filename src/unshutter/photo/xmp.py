@@ -351,6 +351,20 @@ def video_bytes(packet: bytes | None) -> int | None:
     return length
 
 
+def names_by_length(packet: bytes | None) -> dict[int, str]:
+    """Names the further pictures that the packet lists, by their length [bytes]."""
+    read = _read(packet) if packet is not None and b"Semantic" in packet else None
+    if read is None:
+        return {}
+    names = {}
+    for item in read.root.below():
+        meaning = _text(read, _property(item, _SEMANTIC)) if item.name == "rdf:li" else None
+        length = _integer(_text(read, _property(item, _LENGTH)))
+        if meaning not in (None, "Primary", "MotionPhoto") and length is not None:
+            names[length] = _AUXILIARY.get(meaning, PICTURES)
+    return names
+
+
 def with_description(packet: bytes | None, attributes: bytes, content: bytes = b"") -> bytes:
     """Adds properties to a packet, as attributes with their namespaces, and as elements."""
     packet = packet or b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="%s"/></x:xmpmeta>' % _RDF

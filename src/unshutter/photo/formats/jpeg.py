@@ -258,7 +258,7 @@ def _pictures_behind(
 
     Auxiliary pictures are those whose own metadata say what they show.
     """
-    kinds = _kinds_by_size(listed)
+    kinds = _kinds_by_size(listed) | xmp.names_by_length(metadata.xmp)
     is_listed = bool(_beginning(listed, APP2, LIST_PREFIX))
     usual = GAIN_MAP if xmp.has_gain_map(metadata.xmp) else PICTURES if is_listed else None
     end = file.seek(0, io.SEEK_END) - (metadata.video.taken_from if metadata.video else 0)
@@ -271,7 +271,7 @@ def _pictures_behind(
             name = own or kinds.get(size) or usual or PICTURES
             yield further_picture(name, size, "auxiliaries" if own in AUXILIARY else ""), at
         else:
-            yield further_picture(usual or OTHER, size), at
+            yield further_picture(kinds.get(size) or usual or OTHER, size), at
     if not pieces and usual:
         yield further_picture(usual), 0
 
