@@ -50,7 +50,7 @@ OTHERS = ["astronaut", "rocket", "camera", "gravel", "page", "grass", "chelsea",
 BENCHES = {
     "estimators": ["bench_estimators.py", "--rounds", "3"],
     "rectify": ["bench_rectify.py", "--runs", "5"],
-    "clips": ["bench_clips.py", "--runs", "3"],
+    "clips": ["bench_clips.py", "--runs", "2"],
 }
 
 
