@@ -8,6 +8,7 @@ import pytest
 from support import clips
 from support.page_server import sent, zipped
 from unshutter.errors import UsageError
+from unshutter.page.opened import OpenFile
 from unshutter.page.saves import clip_result, free_name, photo_result
 from unshutter.page.store import clean_name
 from unshutter.run.inputs import fitting, motion_name
@@ -54,15 +55,19 @@ def test_names_are_cut_between_letters(stem: str, kept: str) -> None:
     assert len(name.encode()) <= 255
 
 
+def _named(name: str) -> OpenFile:
+    return OpenFile("x", "photo", name, Path(name), 1)
+
+
 def test_numbers_and_endings_are_never_cut() -> None:
     name = fitting("漢" * 100 + ".heic.rectified.avif", "-12", 143)  # an encrypted home
     assert name == "漢" * 41 + ".rectified-12.avif" and len(name.encode()) <= 143
-    assert photo_result("漢" * 82 + ".jpg", "png").endswith("漢.rectified.png")
+    assert photo_result(_named("漢" * 82 + ".jpg"), "png").endswith("漢.rectified.png")
     assert motion_name("漢" * 100) == "漢" * 83 + ".json"
 
 
 def test_names_that_become_one_when_cut_stay_two(tmp_path: Path) -> None:
-    names = [photo_result("漢" * 90 + end + ".jpg", None) for end in ("a", "b", "c")]
+    names = [photo_result(_named("漢" * 90 + end + ".jpg"), None) for end in ("a", "b", "c")]
     assert len(set(names)) == 1
     taken: list[str] = []
     for name in names:
