@@ -8,6 +8,7 @@ import numpy as np
 
 from support.drawn_photos import textured
 from support.hand_held import log_of, still
+from unshutter.frames.pyav import side_data
 from unshutter_lab.synthesis.sequences import RotatingCamera
 
 HEIGHT, WIDTH, FOCAL, RATIO, FPS = 144, 192, 165.0, 0.6, 30
@@ -223,5 +224,4 @@ def packets(path):
 def beside(path):
     """The first frame's side data."""
     with av.open(str(path)) as clip:
-        frame = next(clip.decode(video=0))
-        return {data.type.name: bytes(data) for data in (frame.side_data[k] for k in range(len(frame.side_data)))}
+        return side_data(next(clip.decode(video=0)))

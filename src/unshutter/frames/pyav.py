@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import struct
+from contextlib import suppress
 from functools import cache
+from itertools import count
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, BinaryIO, cast
 
@@ -121,5 +123,8 @@ def side_data(frame: VideoFrame) -> dict[str, bytes]:
         along, across = {0: (1, 0), 1: (0, 1), 2: (-1, 0), 3: (0, -1)}[round(frame.rotation / 90) % 4]
         matrix = (along << 16, -across << 16, 0, across << 16, along << 16, 0, 0, 0, 1 << 30)
         return {"DISPLAYMATRIX": struct.pack("=9i", *matrix)} if along != 1 else {}
-    found = [stored[k] for k in range(len(stored))]
+    found: list[SideData] = []
+    with suppress(IndexError):  # PyAV 19 counts kinds, of which a frame may have several
+        for k in count():
+            found.append(stored[k])
     return {data.type.name: bytes(data) for data in found}
