@@ -233,10 +233,14 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = unco
     focal length, which describes them best. ``count`` is called after each fit, with its number of pairs.
     """
     unit = usual_focal(pairs[0]) / USUAL_FOCAL
-    near = Problem(pairs, USUAL_FOCAL * unit, count=count, per_frame=COARSE).fit(ratio)
+
+    def problem(share: float) -> Problem:
+        return Problem(pairs, float(share * unit), count=count, per_frame=COARSE)
+
+    near = problem(USUAL_FOCAL).fit(ratio)
 
     def height(share: float) -> float:
-        fit = Problem(pairs, float(share * unit), count=count, per_frame=COARSE).fit(ratio, near.stiffness, near)
+        fit = problem(share).fit(ratio, near.stiffness, near)
         return fit.log_evidence / _FRAMES.focal_common - 0.5 * (np.log(share / USUAL_FOCAL) / _FRAMES.focal_spread) ** 2
 
     heights = np.full(len(_TRIED_FOCALS), -np.inf)
@@ -245,9 +249,7 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = unco
         if 0 <= beside < len(heights):
             heights[beside] = height(_TRIED_FOCALS[beside])
     best = _vertex(np.log(_TRIED_FOCALS), heights)
-    near = Problem(pairs, float(np.exp(best) * unit), count=count, per_frame=COARSE).fit(
-        ratio, near=near
-    )  # the best stiffness may differ there
+    near = problem(np.exp(best)).fit(ratio, near=near)  # the best stiffness may differ there
     for step in _FRAMES.focal_steps:
         at = best + step * np.array([-1.0, 0.0, 1.0])
         best = _vertex(at, np.array([height(share) for share in np.exp(at)]))

@@ -51,10 +51,9 @@ def student_weights(
     noise = np.sqrt(float(median(known)) / 1.4) if np.isnan(noise) else noise
     for _ in range(rounds):
         noise = max(noise, finest)
-        share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
-        noise = np.sqrt((share * known).mean() / 2)
+        noise = np.sqrt((_share(known, noise) * known).mean() / 2)
     noise = max(float(noise), finest)
-    return used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
+    return used * _share(squared, noise) / noise**2, noise
 
 
 def student_weights_of_each(
@@ -65,10 +64,14 @@ def student_weights_of_each(
     noise = np.sqrt(median(np.where(used, squared, np.inf), count) / 1.4)[..., None]
     for _ in range(rounds):
         noise = np.maximum(noise, finest)
-        share = used * (_DEGREES + 2) / (_DEGREES + squared / noise**2)
-        noise = np.sqrt((share * squared).sum(axis=-1) / count / 2)[..., None]
+        noise = np.sqrt((used * _share(squared, noise) * squared).sum(axis=-1) / count / 2)[..., None]
     noise = np.maximum(noise, finest)
-    return used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2
+    return used * _share(squared, noise) / noise**2
+
+
+def _share(squared: np.ndarray, noise: float | np.ndarray) -> np.ndarray:
+    """Returns the influence of points, compared with that under normal errors."""
+    return (_DEGREES + 2) / (_DEGREES + squared / noise**2)
 
 
 def student_log_likelihoods(squared: Float64[np.ndarray, "*shape"], noise: float) -> Float64[np.ndarray, "*shape"]:

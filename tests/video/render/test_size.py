@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -62,6 +63,15 @@ def test_a_quality_is_followed_unless_the_clips_rate_is_asked_for(tmp_path, grey
     for codec, of, said in (("ffv1", clip, "does not support"), (None, _without_rate(clip), "does not state")):
         with pytest.raises(UsageError, match=said):
             Encoder.choose(of, Encode(codec, bitrate="same"))
+
+
+@pytest.mark.parametrize(("pixel_format", "threads"), [("yuv422p", 1), ("yuv420p", 0)])
+def test_x264_writes_the_same_bytes_each_time(tmp_path, greys, pixel_format, threads):
+    """In 4:2:2 and 4:4:4 it does so only with one thread; 0: as many as there are."""
+    clip = read_clip_facts(str(clips.write(tmp_path / "in.mkv", greys[:3], "ffv1", pixel_format)))
+    with av.open(str(tmp_path / "out.mkv"), "w") as file:
+        stream = Encoder.choose(clip, Encode("libx264")).add_to(file, clip, (144, 192))
+        assert stream.codec_context.thread_count == threads
 
 
 def _without_rate(clip):

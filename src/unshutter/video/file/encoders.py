@@ -143,7 +143,7 @@ def _own_rate(name: str, clip: ClipFacts) -> int:
     if not _codec(name).by_rate:
         raise UsageError(f"{name} does not support {{--bitrate}}: leave it out")
     if not clip.coding.bits_per_s:
-        raise UsageError(f"{clip.path} does not state its bits per second: leave out {{--bitrate}}")
+        raise UsageError("{clip} does not state its bits per second: leave out {--bitrate}", clip=clip.path)
     return round(clip.coding.bits_per_s)
 
 
