@@ -138,7 +138,7 @@ def _run(command: str, capsys: pytest.CaptureFixture[str]) -> int:
 
 # ---- stand-ins -------------------------------------------------------------------------------------------------
 
-_WRITTEN = ("-o", "--save-motion", "--masks", "--json-log", "--plot", "--preview")
+_WRITTEN = ("-o", "--save-motion", "--save-gyro", "--masks", "--json-log", "--plot", "--preview")
 
 
 def _prepare(command: str) -> None:
