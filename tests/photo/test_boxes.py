@@ -127,7 +127,7 @@ def test_what_a_gain_map_means_is_found_in_the_items_about_it() -> None:
         reference(b"cdsc", 5, 1),
     ]
     whole = file_of(items, references, {2: GAIN_MAP}).getvalue()
-    held = b"about the map, by ISO" + b"<x/>"
+    held = bytes(3) + b"about it, by ISO.." + b"<x/>"
     # of version 1: number, method (1: in idat), data reference, number of extents, offset, length
     places = struct.pack(">HHHHII", 3, 1, 0, 1, 0, 21) + struct.pack(">HHHHII", 4, 1, 0, 1, 21, 4)
     iloc = box(b"iloc", struct.pack(">IBBH", 1 << 24, 0x44, 0, 2) + places)

@@ -14,6 +14,7 @@ from support.drawn_photos import encoded
 from support.frame_pairs import Scene
 from support.gain_maps import (
     ISO,
+    ISO_OF_MAP,
     OF_MAP,
     STOPS,
     XMP_PREFIX,
@@ -26,6 +27,7 @@ from support.gain_maps import (
     segment,
     segments_of,
     with_segments,
+    with_tone_map,
 )
 from support.motion_photos import VIDEO
 from support.tagged_files import with_code_points
@@ -136,8 +138,8 @@ def test_the_inventory_names_its_fate_and_other_formats_say_what_is_lost() -> No
         fates = [part.fate for part in parts if part.name == "gain map"]
         assert fates and set(fates) <= {fate, Fate.CARRIED} and fate in fates
         assert (b"hdrgm:Version=" in data, b"Container:Directory" in data) == (format == "jpeg", format == "jpeg")
-    assert result.encode("png").left_out == result.encode("avif").left_out == SDR
-    assert result.photo.hdr_formats == ("jpeg",) and result.photo.with_pixels(result.pixels).hdr_formats == ()
+    assert result.encode("png").left_out == result.encode("webp").left_out == SDR
+    assert result.photo.hdr_formats == ("jpeg", "avif") and result.photo.with_pixels(result.pixels).hdr_formats == ()
     assert Photo.from_bytes(result.encode("png").data).encode().left_out == ()
 
 
@@ -150,6 +152,8 @@ def test_a_damaged_map_costs_only_the_map(of_map: bytes | None) -> None:
         of_map = with_segments(large, segment(0xE1, XMP_PREFIX + OF_MAP))
     else:
         of_map = gain_map[: len(gain_map) // 2] + b"\xff\xd9"
+    for format in ("avif", "jpeg"):
+        assert Photo.from_bytes(base + of_map).encode(format).left_out == (SDR if format == "avif" else ())
     file = rectify(base + of_map, motion=MOTION, edges="crop").encode()
     assert file.left_out == SDR and b"hdrgm:Version=" not in file.data and b"MPF\0" not in file.data
 
@@ -249,10 +253,9 @@ def test_heic_gives_its_map_to_a_jpeg(orientation: int, tmp_path: Path) -> None:
     motion = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], photo.height, photo.width)
     result = rectify(photo, motion=motion, edges="fill")
     assert result.encode().left_out == () and result.encode("avif").left_out == SDR
+    assert np.abs(photo.auxiliaries.gain_map.pixels[..., 0].astype(int) - shown[..., 3]).mean() < 2
     second = pictures_of(result.bytes)[1]
-    exact = rectify(
-        photo.with_pixels(np.array(photo.auxiliaries.pictures[0].stored.pixels())), motion=motion, edges="fill"
-    )
+    exact = rectify(photo.with_pixels(np.array(photo.auxiliaries.gain_map.pixels)), motion=motion, edges="fill")
     assert np.abs(pixels_of(second).astype(float) - exact.array).mean() < 1.5
     assert b"hdrgainmap" in segments_of(second)[0]
     before, after = (Photo.from_bytes(each) for each in (data, result.bytes))
@@ -266,3 +269,72 @@ def test_heic_gives_its_map_to_a_jpeg(orientation: int, tmp_path: Path) -> None:
     assert coded.encode().left_out == ("gain map",)
     path.write_bytes(heic(base))
     assert usual_format(path) is None and Photo.open(path).usual_format == "avif"
+
+
+def of_iso(format: str, **options: object) -> bytes:
+    """A photo of a scene with a gain map that is no auxiliary picture."""
+    base, gain = scene(HEIGHT, WIDTH)
+    small = np.dstack([np.round(255 / STOPS * gain[::2, ::2]).astype(np.uint8)] * 3)
+    base, small = (heic(each) if format == "heic" else encoded(each, "AVIF", quality=98) for each in (base, small))
+    return with_tone_map(base, small, **options)
+
+
+@pytest.mark.parametrize("format", ["avif", "heic"])
+def test_maps_of_iso_are_kept_in_jpeg_and_avif(format: str, tmp_path: Path) -> None:
+    data = of_iso(format)
+    path = tmp_path / f"a.{format}"
+    path.write_bytes(data)
+    usual = "avif" if format == "avif" else "jpeg"
+    photo = Photo.open(path)
+    assert photo.usual_format == usual == (usual_format(path) or "avif") and photo.hdr_formats == ("jpeg", "avif")
+    expected = warped_light(data, MOTION, "crop")
+    result = rectify(photo, motion=MOTION, edges="crop")
+    for to in ("jpeg", "avif"):
+        file = result.encode(to)
+        assert file.left_out == () and ISO_OF_MAP in file.data
+        off = in_stops(light_of(file.data), expected)
+        assert off.mean() < 0.04 and np.percentile(off, 99) < 0.3
+        again = Photo.from_bytes(file.data)
+        assert again.auxiliaries.iso_metadata == ISO_OF_MAP and again.encode().left_out == ()
+    assert result.encode("png").left_out == SDR
+
+
+def test_a_jpegs_map_is_kept_in_avif_with_what_its_xmp_says() -> None:
+    data = hdr_photo(iso=b"", map_size=(120, 160))
+    result = rectify(data, motion=MOTION, edges="crop")
+    file = result.encode("avif")
+    assert file.left_out == () and file.data.count(b"\0" + ISO_OF_MAP) == 1
+    assert in_stops(light_of(file.data), warped_light(data, MOTION, "crop")).mean() < 0.04
+    assert b"hdrgm:Version" not in file.data and b"Container:Directory" not in file.data
+    photo = Photo.from_bytes(file.data)
+    assert photo.to_bytes("jpeg").count(ISO + ISO_OF_MAP) == 1
+    exif = Photo.from_bytes(data).to_bytes("avif", quality=50)
+    assert b"Acme" in exif and Photo.from_bytes(exif).auxiliaries is not None
+    three = OF_MAP.replace(b' hdrgm:GainMapMax="3"', b"").replace(
+        b"/></rdf:RDF>",
+        b"><hdrgm:GainMapMax><rdf:Seq><rdf:li>1</rdf:li><rdf:li>2.5</rdf:li><rdf:li>3</rdf:li></rdf:Seq>"
+        b"</hdrgm:GainMapMax></rdf:Description></rdf:RDF>",
+    )
+    channels = Photo.from_bytes(hdr_photo(iso=b"", of_map=three)).auxiliaries.iso_metadata
+    assert len(channels) == 5 + 4 * 4 + 3 * 40 and channels[4] == 0xC0
+    greatest = [np.frombuffer(channels, ">i4", 2, 21 + 40 * at + 8) for at in range(3)]
+    assert [list(each) for each in greatest] == [[1, 1], [5, 2], [3, 1]]
+    for damaged in (OF_MAP.replace(b'Max="3"', b'Max="nan"'), OF_MAP.replace(b'Gamma="1"', b'Gamma="1e99"')):
+        assert Photo.from_bytes(hdr_photo(iso=b"", of_map=damaged)).encode("avif").left_out == SDR
+
+
+@pytest.mark.parametrize(
+    "options", [{"brand": b"miaf"}, {"metadata": b"\0\1" + ISO_OF_MAP[2:]}, {"metadata": bytes(70_000)}]
+)
+def test_maps_that_readers_ignore_are_left_out_by_their_name(options: dict[str, bytes]) -> None:
+    photo = Photo.from_bytes(of_iso("avif", **options))
+    assert photo.hdr_formats == () and photo.encode("jpeg").left_out == photo.encode().left_out == SDR
+
+
+def test_a_map_that_makes_a_picture_in_pq_sdr_is_kept_in_avif() -> None:
+    photo = Photo.from_bytes(with_code_points(of_iso("avif"), 9, 16))
+    result = rectify(photo, motion=MOTION, edges="crop")
+    assert photo.hdr_formats == ("png", "avif")
+    file = result.encode()
+    assert file.left_out == () and Photo.from_bytes(file.data).auxiliaries.iso_metadata == ISO_OF_MAP
+    assert file.data.count(b"colrnclx\0\x09\0\x10") == 1 and result.encode("png").left_out == ("gain map",)

@@ -44,10 +44,15 @@ class QuietBrowser:
             asyncio._set_running_loop(None)
 
 
+def path_of_browser() -> str | None:
+    """The browser that tests drive; None if none is installed."""
+    return os.environ.get("BROWSER_PATH") or next(filter(None, map(shutil.which, _NAMES)), None)
+
+
 @contextmanager
 def browser() -> Iterator[QuietBrowser]:
     """A browser without a window; skips the test where there is none."""
-    path = os.environ.get("BROWSER_PATH") or next(filter(None, map(shutil.which, _NAMES)), None)
+    path = path_of_browser()
     if path is None:
         pytest.skip("no browser is installed: apt-get install chromium-headless-shell")
     with sync_playwright() as playwright:

@@ -19,7 +19,7 @@ from PIL.JpegImagePlugin import get_sampling
 import unshutter
 from support.camera_files import heic
 from support.drawn_photos import drawn, encoded, textured
-from support.gain_maps import OF_MAP, hdr_photo, heic_with_gain_map, pictures_of
+from support.gain_maps import ISO_OF_MAP, OF_MAP, hdr_photo, heic_with_gain_map, pictures_of, with_tone_map
 from support.motion_photos import VIDEO, motion_photo
 from support.rich_files import (
     COLUMNS,
@@ -342,24 +342,31 @@ def transfers(column: str, output: str) -> str:
     return "refused" if not kept else "kept" if kept == [True, True] else "lost"
 
 
-def gain_map(column: str, output: str) -> str:
+def gain_map(column: str, output: str, is_iso: bool = True) -> str:
     """Whether the map's metadata are there, with new pixels."""
+    pixels = drawn(HEIGHT, WIDTH, bands=4)
     if column == "JPEG":
-        data, told = hdr_photo(HEIGHT, WIDTH, (HEIGHT // 4, WIDTH // 4)), OF_MAP
+        data, told = hdr_photo(HEIGHT, WIDTH, (HEIGHT // 4, WIDTH // 4), iso=b""), OF_MAP
+    elif is_iso:
+        data, told = with_tone_map(*(file_of(column, each) for each in (pixels[..., :3], pixels[..., 3:]))), ISO_OF_MAP
     else:
-        data, told = heic_with_gain_map(drawn(HEIGHT, WIDTH, bands=4)), b"hdrgainmap"
+        data, told = heic_with_gain_map(pixels), b"hdrgainmap"
     with tempfile.TemporaryDirectory() as folder:
         path, result = Path(folder, f"photo{COLUMNS[column]}"), Path(folder, f"out{COLUMNS[output]}")
         path.write_bytes(data)
         lacking = unshutter.rectify(path, motion=MOTION, edges="crop").save(result)
         if "gain map (the result is SDR)" in lacking:
             return "SDR"
+        if output == "AVIF":
+            return "kept" if ISO_OF_MAP in result.read_bytes() else "lost"
         return "kept" if told in pictures_of(result.read_bytes())[1] else "lost"
 
 
 HDR_ROWS: dict[str, Callable[[str], str]] = {
     "gain map in JPEG": lambda output: gain_map("JPEG", output),
-    "gain map in HEIC": lambda output: gain_map("HEIC", output),
+    "gain map in AVIF (ISO)": lambda output: gain_map("AVIF", output),
+    "gain map in HEIC (ISO)": lambda output: gain_map("HEIC", output),
+    "gain map in HEIC (Apple)": lambda output: gain_map("HEIC", output, is_iso=False),
     "PQ, HLG in PNG": lambda output: transfers("PNG", output),
     "PQ, HLG in AVIF": lambda output: transfers("AVIF", output),
     "PQ, HLG in HEIC": lambda output: transfers("HEIC", output),

@@ -1,5 +1,6 @@
-"""HDR photos of our own: a JPEG with a gain map behind it, as phones write them, and their light."""
+"""HDR photos of our own: JPEG, AVIF and HEIC with gain maps, as phones write them, and their light."""
 
+import io
 import struct
 
 import cv2
@@ -9,9 +10,14 @@ from support.camera_files import heic
 from support.drawn_photos import encoded
 from support.motion_photos import packet
 from support.tagged_files import exif_blob
+from unshutter import Photo
+from unshutter.photo import boxes
 
 STOPS = 3.0  # by which the brightest pixels of a map are brighter in HDR
 ISO = b"urn:iso:std:iso:ts:21496:-1\0"
+# what OF_MAP says, in ISO's form: versions, flags (in the base picture's colours), headrooms; least and greatest gain,
+# gamma, offsets
+ISO_OF_MAP = struct.pack(">HHB14I", 0, 0, 0x40, 0, 1, int(STOPS), 1, 0, 1, int(STOPS), 1, 1, 1, 0, 1, 0, 1)
 XMP_PREFIX = b"http://ns.adobe.com/xap/1.0/\0"
 OF_MAP = (
     b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
@@ -86,6 +92,50 @@ def heic_with_gain_map(pixels: np.ndarray, orientation: int = 1) -> bytes:
     return heic(pixels, orientation).replace(b"urn:mpeg:hevc:2015:auxid:1", b"urn:com:a:2020::hdrgainmap")
 
 
+def with_tone_map(base: bytes, gain_map: bytes, metadata: bytes = ISO_OF_MAP, brand: bytes = b"tmap") -> bytes:
+    """An AVIF or HEIC with a gain map by ISO 21496-1, made of two of one picture each; it is no auxiliary picture."""
+    kind = b"hvc1" if b"hvc1" in base else b"av01"
+    properties, numbers, coded = [], [], []
+    for data in (base, gain_map):
+        meta = boxes.in_meta(io.BytesIO(data))
+        own = list(boxes.inside(dict(boxes.inside(meta[b"iprp"]))[b"ipco"]))
+        numbers.append(bytes(range(len(properties) + 1, len(properties) + len(own) + 1)))
+        properties += own
+        place = boxes.extent(io.BytesIO(data), kind)
+        coded.append(data[place.at : place.at + place.length])
+    size = 1 + [name for name, _ in properties].index(b"ispe")
+    properties.append((b"colr", b"nclx" + struct.pack(">HHHB", 1, 16, 6, 0x80)))
+    numbers.insert(1, bytes([size, len(properties)]))
+    coded.insert(1, b"\0" + metadata)
+    infe = [(0, 1, kind), (0, 2, b"tmap"), (1, 3, kind)]  # the map is hidden
+    iinf = b"".join(_box(b"infe", struct.pack(">BBHHH4sB", 2, 0, flag, item, 0, of, 0)) for flag, item, of in infe)
+    ipma = b"".join(struct.pack(">HB", item, len(own)) + own for item, own in enumerate(numbers, 1))
+    iprp = _box(b"ipco", b"".join(_box(*each) for each in properties)) + _box(b"ipma", struct.pack(">II", 0, 3) + ipma)
+    ftyp = _box(b"ftyp", base[8 : struct.unpack_from(">I", base)[0]] + brand)
+    start = 0
+    for _ in range(2):  # positions are known when the box that has them is
+        places, at = b"", start
+        for item, data in enumerate(coded, 1):
+            places += struct.pack(">HHHII", item, 0, 1, at, len(data))
+            at += len(data)
+        parts = {
+            b"hdlr": struct.pack(">II4s13x", 0, 0, b"pict"),
+            b"pitm": struct.pack(">IH", 0, 1),
+            b"iloc": struct.pack(">IBBH", 0, 0x44, 0, 3) + places,
+            b"iinf": struct.pack(">IH", 0, 3) + iinf,
+            b"iref": bytes(4) + _box(b"dimg", struct.pack(">HHHH", 2, 2, 1, 3)),
+            b"iprp": iprp,
+            b"grpl": _box(b"altr", struct.pack(">5I", 0, 4, 2, 2, 1)),
+        }
+        head = ftyp + _box(b"meta", bytes(4) + b"".join(_box(*each) for each in parts.items()))
+        start = len(head) + 8
+    return head + _box(b"mdat", b"".join(coded))
+
+
+def _box(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I4s", 8 + len(content), name) + content
+
+
 def with_segments(data: bytes, segments: bytes) -> bytes:
     return data[:2] + segments + data[2:]
 
@@ -124,7 +174,11 @@ def pixels_of(data: bytes) -> np.ndarray:
 
 def light_of(data: bytes) -> np.ndarray:
     """Returns the HDR light [H, W, 3] of a photo, 1 is SDR white: by the definition of gain maps (Ultra HDR)."""
-    base, gain_map = (pixels_of(picture) / 255 for picture in pictures_of(data)[:2])
+    if data.startswith(b"\xff\xd8"):
+        base, gain_map = (pixels_of(picture) / 255 for picture in pictures_of(data)[:2])
+    else:
+        photo = Photo.from_bytes(data)
+        base, gain_map = photo.pixels / 255, photo.auxiliaries.gain_map.pixels / 255
     linear = np.where(base <= 0.04045, base / 12.92, ((base + 0.055) / 1.055) ** 2.4)
     gain = cv2.resize(gain_map, base.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     return linear * np.exp2(STOPS * (gain if gain.ndim == 3 else gain[..., None]))

@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import exif
+from unshutter.photo import exif, gain_map_metadata
 from unshutter.photo.chunks import APP0, APP1, APP2, APP14, COMMENT, before_the_scan, encoded_segment
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.libvips import Source, as_image, computed, refusing
@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 LIST_PREFIX = b"MPF\0"
-ISO_PREFIX = b"urn:iso:std:iso:ts:21496"  # of the segment that says that there is a gain map, or what it means
 _LARGEST = 2  # times the photo's sides: a larger one is malicious
-_QUALITY = 90  # of results: adds a thousandth of a stop to the mean error
+QUALITY = 90  # of results: adds a thousandth of a stop to the mean error
 # markers of its metadata; APP14 describes its coding
 _KEPT = (*(marker for marker in range(APP0, APP0 + 16) if marker != APP14), COMMENT)
 _FIRST, _UNDEFINED = 0x030000, 0  # kinds of pictures in CIPA's list
@@ -68,15 +67,19 @@ class AuxiliaryPicture:
         return self.name == DEPTH_MAP
 
     @cached_property
+    def pixels(self) -> np.ndarray:
+        """Its pixels [h, w, bands] uint8; raises UnshutterError."""
+        return self.stored.pixels() if self.new_pixels is None else self.new_pixels
+
+    @cached_property
     def file(self) -> bytes:
         """The picture as a JPEG with its metadata."""
         stored = self.stored.file()
         if self.new_pixels is None and stored is not None:
             return stored
-        pixels = self.stored.pixels() if self.new_pixels is None else self.new_pixels
-        height, width = pixels.shape[:2]
+        height, width = self.pixels.shape[:2]
         with refusing("cannot encode the " + self.name):
-            coded = as_image(pixels).jpegsave_buffer(Q=_QUALITY, subsample_mode="off", keep=0)
+            coded = as_image(self.pixels).jpegsave_buffer(Q=QUALITY, subsample_mode="off", keep=0)
         metadata = b"".join(
             encoded_segment(marker, exif.with_size(content, height, width) if _is_exif(marker, content) else content)
             for marker, content in self.stored.segments()
@@ -95,11 +98,21 @@ class Auxiliaries:
     pictures: tuple[AuxiliaryPicture, ...]
     segments: tuple[bytes, ...] = ()  # contents of APP2 of the photo that say that there is a gain map (ISO)
     list_order: str = ""  # byte order of CIPA's list, as for struct; empty if there is none
+    # properties (name, content) of the picture that the gain map makes, as boxes state them
+    alternate: tuple[tuple[bytes, bytes], ...] = ()
 
     @property
-    def has_gain_map(self) -> bool:
-        """Whether they include a gain map, which makes the photo HDR."""
-        return any(each.name == GAIN_MAP for each in self.pictures)
+    def gain_map(self) -> AuxiliaryPicture | None:
+        """The gain map, which makes the photo HDR, if they include one."""
+        return next((each for each in self.pictures if each.name == GAIN_MAP), None)
+
+    @cached_property
+    def iso_metadata(self) -> bytes | None:
+        """What the numbers of the gain map mean, in the form of ISO 21496-1; None if that cannot state it."""
+        try:
+            return self.gain_map and gain_map_metadata.of_segments(self.gain_map.stored.segments())
+        except UnshutterError:
+            return None
 
     def rendered(self, new_pixels: Sequence[np.ndarray | None]) -> Auxiliaries | None:
         """Returns those of a result, given their pixels or None; None if none is left."""
@@ -107,12 +120,12 @@ class Auxiliaries:
         pictures = tuple(replace(each, new_pixels=new) for each, new in pairs if new is not None)
         return replace(self, pictures=pictures) if pictures else None
 
-    def readable(self) -> Auxiliaries | None:
-        """Returns those that can be written as JPEGs; None if none can."""
+    def readable(self, as_jpeg: bool) -> Auxiliaries | None:
+        """Returns those that can be written, as JPEGs or encoded again; None if none can."""
         pictures = []
         for each in self.pictures:
             with suppress(UnshutterError):  # the photo is good without it
-                _ = each.file
+                _ = each.file if as_jpeg else each.pixels
                 pictures.append(each)
         if len(pictures) == len(self.pictures):
             return self

@@ -1,7 +1,7 @@
 """Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files, and the items of AVIF and HEIC.
 
-Results contain the primary picture and its metadata; a JPEG made of a HEIC also its auxiliary pictures (gain map, depth
-map, mattes). Everything else (further pictures, videos, an AVIF's auxiliary pictures) is only reported by name.
+Results contain the primary picture and its metadata; a JPEG also its auxiliary pictures (gain map, depth map, mattes),
+an AVIF its gain map. Everything else (further pictures, videos) is only reported by name.
 
 Source: ISO/IEC 14496-12 (boxes; iinf, iloc), ISO/IEC 23008-12 (HEIF: items, properties, references, auxiliary images),
 ISO 21496-1 (gain maps).
@@ -184,6 +184,8 @@ def _associations(ipma: bytes, item: int) -> list[int]:
 _MOST_ITEMS = 10_000
 _LONGEST_ITEM = 60_000  # bytes of metadata about an auxiliary picture, which must fit a segment of a JPEG
 _XMP = b"application/rdf+xml"
+_SUPPORTED = bytes(3)  # versions of the item tmap that readers of this version understand
+_ISO_KIND = "urn:iso:std:iso:ts:21496"
 _OTHER_ITEMS = {b"tmap": GAIN_MAP, b"iptc": "IPTC", b"rgan": "regions", b"uri ": OTHER, b"mime": OTHER}
 _VIDEOS = (b"moov", b"mpvd")
 _STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
@@ -247,15 +249,20 @@ class AuxiliaryItem(NamedTuple):
     """An auxiliary picture of the primary picture."""
 
     number: int
-    kind: str  # its type (property auxC)
+    kind: str  # its type (property auxC), or ISO's name of gain maps
     orientation: Orientation  # transformation that decoders apply to it
     xmp: bytes | None  # XMP about it
     iso: bytes | None  # what a gain map means, as ISO 21496-1 says it (content of the item tmap)
+    alternate: tuple[tuple[bytes, bytes], ...]  # properties (name, content) of the picture that a gain map makes
 
 
 def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
-    """Lists the auxiliary pictures of the primary picture; none if the file is damaged."""
+    """Lists the auxiliary pictures of the primary picture; none if the file is damaged.
+
+    A gain map is one that is listed as such, or one of ISO 21496-1 that readers of this version understand.
+    """
     try:
+        makes_another = b"tmap" in top_level(file, b"ftyp")
         meta = in_meta(file)
         iprp = dict(inside(meta[b"iprp"]))
         properties = list(inside(iprp[b"ipco"]))
@@ -263,19 +270,53 @@ def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
         entries = [(entry, *_number_of(entry)) for entry in islice(item_entries(meta[b"iinf"]), _MOST_ITEMS)]
         kinds = {number: entry[at : at + 4] for entry, number, at in entries}
         primary = _primary(meta)
+        tones = {
+            to[1]: item
+            for kind, item, to in references
+            if kind == b"dimg" and kinds.get(item) == b"tmap" and len(to) == 2 and to[0] == primary
+        }
+        listed = [item for kind, item, to in references if kind == b"auxl" and primary in to]
         found = []
-        for number in (item for kind, item, to in references if kind == b"auxl" and primary in to):
-            own = dict(properties[i - 1] for i in _associations(iprp[b"ipma"], number) if i)
-            about = {kinds.get(item): item for kind, item, to in references if kind == b"cdsc" and number in to}
-            tone = {kinds.get(item): item for kind, item, to in references if kind == b"dimg" and to[1:] == (number,)}
-            xmp, iso = (
-                None if item is None else _content(file, meta, item) for item in (about.get(b"mime"), tone.get(b"tmap"))
+        for number in dict.fromkeys([*listed, *(tones if makes_another else ())]):
+            own, alternate = (
+                [properties[i - 1] for i in _associations(iprp[b"ipma"], item) if i]
+                for item in (number, tones.get(number, 0))
             )
-            kind = own.get(b"auxC", bytes(4))[4:].partition(b"\0")[0].decode(errors="replace")
-            found.append(AuxiliaryItem(number, kind, _orientation(own), xmp, iso))
+            about = {kinds.get(item): item for kind, item, to in references if kind == b"cdsc" and number in to}
+            xmp, iso = (
+                None if item is None else _content(file, meta, item) for item in (about.get(b"mime"), tones.get(number))
+            )
+            kind = dict(own).get(b"auxC", bytes(4))[4:].partition(b"\0")[0].decode(errors="replace")
+            if iso is not None and not iso.startswith(_SUPPORTED):
+                iso = None
+            if kind or iso is not None:
+                item = AuxiliaryItem(number, kind or _ISO_KIND, _orientation(dict(own)), xmp, iso, tuple(alternate))
+                found.append(item)
     except (KeyError, IndexError, struct.error):
         return []
     return found
+
+
+def with_primary(data: bytes, item: int) -> bytes:
+    """Returns a copy of a file in which another item is the primary one, and not hidden; raises KeyError or IndexError.
+
+    Decoders then decode that item, such as a gain map, which they do not list as a picture. No item is auxiliary there.
+    """
+    stream = io.BytesIO(data)
+    content = top_level(stream, b"meta")
+    content_at = stream.tell() - len(content)
+    meta = dict(inside(content[4:]))
+    copy = bytearray(data)
+    entry = next((each for each in item_entries(meta[b"iinf"]) if _number_of(each)[0] == item), None)
+    if entry is None:
+        raise KeyError(item)
+    copy[content_at + content.index(b"infe" + entry) + 7] &= 0xFE
+    is_wide = meta[b"pitm"][0] > 0
+    struct.pack_into(">I" if is_wide else ">H", copy, content_at + content.index(b"pitm" + meta[b"pitm"]) + 8, item)
+    iref = meta.get(b"iref", b"")
+    iref_at = content_at + content.index(iref)
+    copy[iref_at : iref_at + len(iref)] = iref.replace(b"auxl", b"free")
+    return bytes(copy)
 
 
 def has_gain_map(file: BinaryIO) -> bool:

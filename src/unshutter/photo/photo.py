@@ -198,12 +198,13 @@ class Photo(FileOutput):
     @property
     def hdr_formats(self) -> tuple[str, ...]:
         """The output formats in which it stays HDR; empty if it is SDR."""
-        needed = "code_points"
-        if self._metadata.code_points is None:
-            if self.auxiliaries is None or not self.auxiliaries.has_gain_map:
-                return ()
-            needed = "auxiliaries"
-        return tuple(name for name, format in WRITTEN.items() if needed in format.holds)
+        if self._metadata.code_points is not None:
+            return tuple(name for name, format in WRITTEN.items() if "code_points" in format.holds)
+        all = self.auxiliaries
+        if all is None or all.gain_map is None:
+            return ()
+        held = ((name, format.held_auxiliaries(all)) for name, format in WRITTEN.items())
+        return tuple(name for name, each in held if each is not None and each.gain_map is not None)
 
     @property
     def image(self) -> pyvips.Image:

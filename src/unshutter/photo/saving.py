@@ -182,7 +182,8 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     image = picture.image
     metadata = picture.metadata
     if metadata.auxiliaries is not None and "auxiliaries" in format.holds:
-        readable = metadata.auxiliaries.readable()
+        held = format.held_auxiliaries(metadata.auxiliaries)
+        readable = held and held.readable(format.appends_pictures)
         metadata = metadata if readable is metadata.auxiliaries else metadata.with_auxiliaries(readable)
     orientation = picture.orientation
     found = metadata.found
@@ -220,7 +221,7 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
 
 def _lengths(metadata: Metadata, format: WrittenFormat) -> tuple[tuple[str, int], ...]:
     """Returns name and length [bytes] of each auxiliary picture that will follow the picture."""
-    if metadata.auxiliaries is None or "auxiliaries" not in format.holds:
+    if metadata.auxiliaries is None or not format.appends_pictures:
         return ()
     return tuple((each.name, len(each.file)) for each in metadata.auxiliaries.pictures)
 

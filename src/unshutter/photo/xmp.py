@@ -365,6 +365,18 @@ def names_by_length(packet: bytes | None) -> dict[int, str]:
     return names
 
 
+def values(packet: bytes, prefix: str) -> dict[str, list[str]]:
+    """Returns the texts of the properties whose names begin with a prefix, several of a list; none if damaged."""
+    read = _read(packet)
+    found: dict[str, list[str]] = {}
+    for element in read.root.below() if read is not None else ():
+        found.update((name, [each.value]) for name, each in element.attributes.items() if name.startswith(prefix))
+        if read is not None and element.name.startswith(prefix):
+            texts = [each for each in element.below() if not each.children]
+            found[element.name] = [read.text(each).strip() for each in texts]
+    return found
+
+
 def with_description(packet: bytes | None, attributes: bytes, content: bytes = b"") -> bytes:
     """Adds properties to a packet, as attributes with their namespaces, and as elements."""
     packet = packet or b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="%s"/></x:xmpmeta>' % _RDF

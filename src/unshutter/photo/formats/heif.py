@@ -19,14 +19,16 @@ from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 from unshutter import version
 from unshutter.errors import UnshutterError
 from unshutter.photo import boxes, code_points, exif, xmp
-from unshutter.photo.auxiliary_pictures import ISO_PREFIX, Auxiliaries, AuxiliaryPicture, check_auxiliary
-from unshutter.photo.box_properties import state_colours
+from unshutter.photo.auxiliary_pictures import QUALITY, Auxiliaries, AuxiliaryPicture, check_auxiliary
+from unshutter.photo.box_properties import add_gain_map, state_colours
 from unshutter.photo.chunks import APP1, APP2, XMP_PREFIX
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata, Picture, WrittenFormat
+from unshutter.photo.gain_map_metadata import ISO_IN_JPEG, ISO_PREFIX
 from unshutter.photo.libvips import (
     Source,
+    as_image,
     computed,
     field,
     in_plain_words,
@@ -35,7 +37,7 @@ from unshutter.photo.libvips import (
     standard,
     threads,
 )
-from unshutter.photo.parts import DAMAGED, purpose, without
+from unshutter.photo.parts import DAMAGED, GAIN_MAP, purpose, without
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,7 +46,6 @@ if TYPE_CHECKING:
 
 
 _HDR_QUALITY = 90  # usual one: screens stretch the code values of PQ's darker half
-_ISO_IN_JPEG = b":-1\0"
 # attributes and content of XMP that lists a gain map, whose length is filled in when it is written (Ultra HDR)
 _LISTED = (
     b'xmlns:Container="http://ns.google.com/photos/1.0/container/" '
@@ -67,7 +68,7 @@ class Avif(WrittenFormat):
     deep = True
     grey = False
     alpha = True
-    holds = frozenset({"exif", "icc", "code_points", "xmp"})
+    holds = frozenset({"exif", "icc", "code_points", "xmp", "auxiliaries"})
 
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
@@ -86,7 +87,8 @@ class Avif(WrittenFormat):
         header = picture_format.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)
         bands = header.bands - 2 if own.grey else header.bands
-        return replace(header, height=height, width=width, bands=bands, orientation=own.orientation)
+        metadata = _with_auxiliaries(header.metadata, source, self, (height, width))
+        return replace(header, height=height, width=width, bands=bands, orientation=own.orientation, metadata=metadata)
 
     def exif_blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """See Format."""
@@ -130,22 +132,40 @@ class Avif(WrittenFormat):
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. Appends EXIF, and makes the item of the zeroed placeholder point to it."""
-        if picture.metadata.code_points is not None:
-            state_colours(file, picture.metadata.code_points)
-        blob = picture.metadata.exif
-        if blob is None:
-            return []
-        old = boxes.extent(file, b"Exif")
-        if old is None or not old.are_32_bits:
-            return ["EXIF"]
-        end = file.seek(0, 2)
-        content = struct.pack(">I", len(EXIF_PREFIX)) + EXIF_PREFIX + blob.removeprefix(EXIF_PREFIX)
-        file.write(struct.pack(">I4s", 8 + len(content), b"mdat") + content)
-        file.seek(old.at)
-        file.write(bytes(old.length))
-        file.seek(old.numbers_at)
-        file.write(struct.pack(">II", end + 8 - old.base, len(content)))
-        return []
+        metadata = picture.metadata
+        if metadata.code_points is not None:
+            state_colours(file, metadata.code_points)
+        left_out = [] if metadata.exif is None or _embed_exif(file, metadata.exif) else ["EXIF"]
+        auxiliaries = metadata.auxiliaries
+        if auxiliaries is not None and auxiliaries.gain_map is not None and auxiliaries.iso_metadata is not None:
+            with threads(_THREADS), memory_returned(), refusing("cannot encode the gain map"):
+                coded = as_image(auxiliaries.gain_map.pixels).heifsave_buffer(
+                    compression="av1", Q=QUALITY, effort=0, bitdepth=8, subsample_mode="off", keep=0
+                )
+            add_gain_map(file, coded, auxiliaries.iso_metadata, auxiliaries.alternate)
+        return left_out
+
+    def held_auxiliaries(self, auxiliaries: Auxiliaries) -> Auxiliaries | None:
+        """See WrittenFormat. Only gain maps whose metadata ISO can state."""
+        gain_map = auxiliaries.gain_map
+        if gain_map is None or auxiliaries.iso_metadata is None:
+            return None
+        return replace(auxiliaries, pictures=(gain_map,))
+
+
+def _embed_exif(file: BinaryIO, blob: bytes) -> bool:
+    """Replaces the placeholder of EXIF; returns whether there is one."""
+    old = boxes.extent(file, b"Exif")
+    if old is None or not old.are_32_bits:
+        return False
+    end = file.seek(0, 2)
+    content = struct.pack(">I", len(EXIF_PREFIX)) + EXIF_PREFIX + blob.removeprefix(EXIF_PREFIX)
+    file.write(struct.pack(">I4s", 8 + len(content), b"mdat") + content)
+    file.seek(old.at)
+    file.write(bytes(old.length))
+    file.seek(old.numbers_at)
+    file.write(struct.pack(">II", end + 8 - old.base, len(content)))
+    return True
 
 
 def _of_bits(image: pyvips.Image, bits: int) -> pyvips.Image:
@@ -182,7 +202,7 @@ class Heic(Format):
             xmp=bytes(packet) if packet else None,
             found=found,
         ).without_exif_loop()
-        metadata = _with_auxiliaries(metadata, source, (height, width))
+        metadata = _with_auxiliaries(metadata, source, self, (height, width))
         coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
         return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)
 
@@ -199,9 +219,10 @@ class Heic(Format):
 
 
 class _StoredItem(NamedTuple):
-    """An auxiliary picture of a HEIC."""
+    """An auxiliary picture of an AVIF or HEIC."""
 
     source: Source
+    format: Format
     item: boxes.AuxiliaryItem
     photo_size: tuple[int, int]
 
@@ -215,42 +236,43 @@ class _StoredItem(NamedTuple):
         if b"hdrgm:" not in (packet or b"") and item.iso is None and b"AuxiliaryImageType" not in (packet or b""):
             told = b'xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/" apdi:AuxiliaryImageType="%s"'
             packet = xmp.with_description(packet, told % item.kind.encode())
-        iso = [] if item.iso is None else [(APP2, ISO_PREFIX + _ISO_IN_JPEG + item.iso[1:])]
+        iso = [] if item.iso is None else [(APP2, ISO_PREFIX + ISO_IN_JPEG + item.iso[1:])]
         return [*([] if packet is None else [(APP1, XMP_PREFIX + packet)]), *iso]
 
-    @memory_returned()
     def pixels(self) -> np.ndarray:
         """See Stored."""
         import numpy as np
 
         try:
-            picture = _primary(self.source).get_aux_image(self.item.number)
-            height, width = self.item.orientation.size(*picture.size[::-1])
-            check_auxiliary(height, width, len(picture.mode.partition(";")[0]), self.photo_size)
-            pixels = np.array(picture)
-        except Exception as error:  # libheif's errors, in whichever class pi-heif raises them
+            source = Source(boxes.with_primary(self.source.data(), self.item.number))
+        except (KeyError, ValueError, IndexError, struct.error) as error:
             raise UnshutterError("the auxiliary picture is damaged") from error
+        header = self.format.read_header(source)
+        check_auxiliary(header.height, header.width, header.bands, self.photo_size)
+        pixels = self.format.decode(source, header)
         if pixels.dtype != np.uint8:
-            raise UnshutterError("the auxiliary picture is unusual")
-        return np.ascontiguousarray(self.item.orientation.stored(pixels.reshape(*pixels.shape[:2], -1)))
+            pixels = np.round(pixels / 257).astype(np.uint8)
+        return pixels
 
 
-def _with_auxiliaries(metadata: Metadata, source: Source, size: tuple[int, int]) -> Metadata:
-    """Returns the metadata with the auxiliary pictures of a HEIC, as a JPEG lists them."""
+def _with_auxiliaries(metadata: Metadata, source: Source, format: Format, size: tuple[int, int]) -> Metadata:
+    """Returns the metadata with the auxiliary pictures of an AVIF or HEIC, as a JPEG lists them."""
     with source.stream() as stream:
         items = [(purpose(item.kind.encode()), item) for item in boxes.auxiliary_items(stream)]
-    pictures = tuple(AuxiliaryPicture(name, _StoredItem(source, item, size)) for name, item in items if name)
+    pictures = tuple(AuxiliaryPicture(name, _StoredItem(source, format, item, size)) for name, item in items if name)
     if not pictures:
         return metadata
     names = {each.name for each in pictures}
     found = (part._replace(held="auxiliaries") if part.name in names else part for part in metadata.found)
-    segments = tuple(ISO_PREFIX + _ISO_IN_JPEG + item.iso[1:5] for _, item in items if item.iso is not None)
+    segments = tuple(ISO_PREFIX + ISO_IN_JPEG + item.iso[1:5] for _, item in items if item.iso is not None)
+    alternate = next((item.alternate for name, item in items if name == GAIN_MAP), ())
     packet = metadata.xmp
     if any(b"hdrgm:" in (item.xmp or b"") for _, item in items) and b"Container:Directory" not in (packet or b""):
         attributes, content = _LISTED
         version_told = b"hdrgm:Version" in (packet or b"")
         packet = xmp.with_description(packet, attributes + (b"" if version_told else _VERSION), content)
-    return replace(metadata, xmp=packet, found=tuple(found), auxiliaries=Auxiliaries(pictures, segments[:1], ">"))
+    auxiliaries = Auxiliaries(pictures, segments[:1], ">", alternate)
+    return replace(metadata, xmp=packet, found=tuple(found), auxiliaries=auxiliaries)
 
 
 def _upright_pixels(source: Source) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, BinaryIO, final
 from unshutter.errors import UnshutterError
 from unshutter.inventory import Fate
 from unshutter.photo import chunks, exif, xmp
-from unshutter.photo.auxiliary_pictures import ISO_PREFIX, LIST_PREFIX, Auxiliaries, AuxiliaryPicture, StoredJpeg
+from unshutter.photo.auxiliary_pictures import LIST_PREFIX, Auxiliaries, AuxiliaryPicture, StoredJpeg
 from unshutter.photo.chunks import (
     APP0,
     APP1,
@@ -35,6 +35,7 @@ from unshutter.photo.directories import EXIF_PREFIX, read_tree
 from unshutter.photo.embedded_video import appended_video
 from unshutter.photo.formats import picture_format
 from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
+from unshutter.photo.gain_map_metadata import ISO_PREFIX
 from unshutter.photo.libvips import Source
 from unshutter.photo.parts import (
     AUXILIARY,
@@ -100,6 +101,7 @@ class Jpeg(WrittenFormat):
     grey = True
     alpha = False
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "video", "auxiliaries"})
+    appends_pictures = True
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
@@ -220,7 +222,7 @@ def _auxiliaries(pictures: list[AuxiliaryPicture], listed: list[tuple[int, bytes
     lists = _beginning(listed, APP2, LIST_PREFIX)
     order = "" if not lists else "<" if lists[0].startswith(LIST_PREFIX + b"II") else ">"
     auxiliaries = Auxiliaries(tuple(pictures), tuple(_beginning(listed, APP2, ISO_PREFIX)), order)
-    return auxiliaries if auxiliaries.has_gain_map else replace(auxiliaries, segments=())
+    return auxiliaries if auxiliaries.gain_map is not None else replace(auxiliaries, segments=())
 
 
 def _beginning(listed: list[tuple[int, bytes, int]], marker: int, prefix: bytes) -> list[bytes]:

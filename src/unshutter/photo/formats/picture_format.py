@@ -210,6 +210,7 @@ class WrittenFormat(Format):
     alpha: ClassVar[bool]  # whether it supports transparency
     masks: ClassVar[bool] = False  # whether it supports an extra channel that is not transparency
     holds: ClassVar[frozenset[str]]  # attributes of ``Metadata`` that its files can hold
+    appends_pictures: ClassVar[bool] = False  # whether auxiliary pictures follow as JPEGs, which XMP lists
 
     def exif_blocks(self, file: BinaryIO) -> Iterable[tuple[int, bytes]]:
         """Returns the EXIF in a file that libvips would read: the position of its marker, and its bytes."""
@@ -218,6 +219,10 @@ class WrittenFormat(Format):
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
         return decode_pixels(self, source)
+
+    def held_auxiliaries(self, auxiliaries: Auxiliaries) -> Auxiliaries | None:
+        """Returns those that its files can hold; None if they can hold none. Pixels may not be decodable."""
+        return auxiliaries if "auxiliaries" in self.holds else None
 
     def hidden_markers(self, file: BinaryIO) -> list[int]:
         """Returns the positions of markers to hide from libvips: those of EXIF whose directories contain loops."""
