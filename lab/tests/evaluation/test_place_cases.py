@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -26,6 +27,7 @@ from unshutter_lab.evaluation.place_cases import (
     PlaceCase,
     PlaceClip,
     PlaceSuite,
+    StreetCase,
     place_cases,
 )
 from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
@@ -43,8 +45,8 @@ def yards(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def case(yards: Path, suite: PlaceSuite, draw: int = 0, place: str = "yard_a") -> PlaceCase:
-    return PlaceCase(suite, "yards", yards / place, draw, 0)
+def case(yards: Path, suite: PlaceSuite, draw: int = 0, place: str = "yard_a") -> PlaceCase | StreetCase:
+    return (StreetCase if suite.kind in ("walk", "ride") else PlaceCase)(suite, "yards", yards / place, draw, 0)
 
 
 def suite_of(name: str) -> PlaceSuite:
@@ -62,6 +64,21 @@ def test_the_truth_undoes_the_picture(yards: Path, suite: PlaceSuite) -> None:
     else:
         assert after < 0.75 * before or after < 4
         assert mask.mean() > 0.5 and np.abs(exam.truth.tx_px[0]) == 0
+
+
+def test_the_pixels_of_a_street_have_moved_as_told_which_rows_alone_undo_only_in_part(yards: Path) -> None:
+    made = case(yards, suite_of("street, riding, 30 ms"))
+    exam = made.exam()
+    (nearest,) = made.judge(["nearest"], lambda _: Fixed(exam.truth))
+    assert 0.2 < nearest["epe"] < 0.8 * nearest["epe_nothing"]  # parallax
+    assert nearest["psnr"] == nearest["psnr_oracle"] > nearest["psnr_input"]
+    assert exam.moved is not None
+    col, row = (np.indices(exam.moved.shape[1:])[::-1] + exam.moved).astype(np.float32)
+    undone = cv2.remap(exam.photo.to_array(), col, row, cv2.INTER_LINEAR)
+    before, after = (np.median(np.abs(each.astype(int) - exam.gs)) for each in (exam.photo.to_array(), undone))
+    assert after <= min(3, before)
+    on_foot = case(yards, suite_of("street, walking, 50 ms")).exam()
+    assert 0 < on_foot.error(on_foot.truth).epe < on_foot.epe_of_nothing()
 
 
 def test_hands_turn_about_three_axes_and_further_the_longer_the_readout(yards: Path) -> None:

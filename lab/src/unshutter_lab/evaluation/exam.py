@@ -21,7 +21,7 @@ from unshutter_lab.evaluation.case import (
     picture_scores,
     rectified,
 )
-from unshutter_lab.evaluation.metrics import epe_of_nothing, motion_error
+from unshutter_lab.evaluation.metrics import MotionError, epe_of_nothing, motion_error
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,21 @@ class Exam:
 
     view: View  # the estimators' input
     gs: np.ndarray  # the global-shutter picture, uint8 [H, W, 3]
-    truth: Motion  # the true motion
+    truth: Motion  # the true motion, or that of rows which comes nearest
+    moved: np.ndarray | None = None  # [2, H, W] how far pixels move (columns, rows), where there is parallax
 
     @property
     def photo(self) -> Photo:
         """The rolling-shutter picture."""
         return self.view.photo
+
+    def error(self, motion: Motion) -> MotionError:
+        """Returns the distance of an answer from the truth."""
+        return motion_error(motion, self.truth, moved=self.moved)
+
+    def epe_of_nothing(self) -> float:
+        """Returns the EPE [px at 256 rows] of the unchanged picture."""
+        return epe_of_nothing(self.truth, self.moved)
 
 
 class ExamCase(Case):
@@ -62,13 +71,13 @@ class ExamCase(Case):
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """Returns one record per estimator."""
         exam = self.exam()
-        nothing = epe_of_nothing(exam.truth)
+        nothing = exam.epe_of_nothing()
         oracle = rectified(exam.photo, exam.truth) if self.compares_pictures else None
         records = []
         for name in names:
             answer = ask(loaded(name), exam.view)
-            error = vars(motion_error(answer.motion, exam.truth))
-            best = min([nothing, error["epe"], *(motion_error(each, exam.truth).epe for each in answer.others)])
+            error = vars(exam.error(answer.motion))
+            best = min([nothing, error["epe"], *(exam.error(each).epe for each in answer.others)])
             record = {**self.place, "estimator": name, **error, "epe_nothing": nothing, "epe_best": best}
             record |= answer.figures()
             if oracle:
@@ -82,7 +91,7 @@ class ExamCase(Case):
         """Returns the pictures and curves behind the records."""
         exam = self.exam()
         curves = {name: ask(loaded(name), exam.view).motion for name in names}
-        errors = {name: motion_error(motion, exam.truth).epe for name, motion in curves.items()}
-        errors["input"] = epe_of_nothing(exam.truth)
+        errors = {name: exam.error(motion).epe for name, motion in curves.items()}
+        errors["input"] = exam.epe_of_nothing()
         pictures = [(f"{name} {errors[name]:.1f} px", picture) for name, picture in compared(exam.photo, curves)]
         return Example(self.title, [*pictures, ("truth", exam.gs)], {"truth": exam.truth, **curves})

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from unshutter.motion import Motion, RowMotion
-from unshutter.motion.shapes import Bool, UInt8
+from unshutter.motion.shapes import Bool, Float64, UInt8
 
 UNIT_ROWS = 256  # errors are in px of a picture with this many rows
 
@@ -38,13 +38,21 @@ class MotionError:
     rz_rmse: float  # root mean square error of r_z over rows [deg]
 
 
-def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionError:
-    """Compares two motions of one picture; the EPE is averaged over a grid of about ``points`` columns and rows."""
+def motion_error(
+    estimate: Motion, truth: Motion, points: int = 64, moved: Float64[np.ndarray, "2 height width"] | None = None
+) -> MotionError:
+    """Compares two motions of one picture; the EPE is averaged over a grid of about ``points`` columns and rows.
+
+    ``moved`` is how far every pixel moves (columns, rows) if the true motion does not tell: where there is parallax.
+    """
     estimate, truth = estimate.rereferenced("first"), truth.rereferenced("first")
     height, width = truth.height, truth.width
     scale = UNIT_ROWS / height
     col, row = np.meshgrid(_spread(width, points), _spread(height, points))
-    true_col, true_row = truth.gs_to_rs(col, row)
+    if moved is None:
+        true_col, true_row = truth.gs_to_rs(col, row)
+    else:
+        true_col, true_row = np.stack([col, row]) + moved[:, row.astype(int), col.astype(int)]
     inside = (true_col >= 0) & (true_col <= width - 1) & (true_row >= 0) & (true_row <= height - 1)
     with np.errstate(all="ignore"):  # a motion that folds the picture has no solution everywhere
         estimated_col, estimated_row = estimate.gs_to_rs(col, row)
@@ -59,9 +67,9 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     )
 
 
-def epe_of_nothing(truth: Motion) -> float:
-    """Returns the EPE [px at 256 rows] of the unchanged picture."""
-    return motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
+def epe_of_nothing(truth: Motion, moved: Float64[np.ndarray, "2 height width"] | None = None) -> float:
+    """Returns the EPE [px at 256 rows] of the unchanged picture; for ``moved`` see :func:`motion_error`."""
+    return motion_error(RowMotion.zero(truth.height, truth.width), truth, moved=moved).epe
 
 
 def is_right(epe: np.ndarray, epe_nothing: np.ndarray, epe_best: np.ndarray) -> np.ndarray:

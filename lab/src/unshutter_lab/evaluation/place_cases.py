@@ -27,15 +27,19 @@ from unshutter_lab.synthesis.panorama import Camera, Place
 from unshutter_lab.synthesis.place_photos import Moving, Quadratic, Rotating, take_photo, with_noise
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import RotatingCamera
+from unshutter_lab.synthesis.streets import Passing, draw_street, nearest_motion
 
 _SIZE = (300, 400)  # rows and columns of a photo [px], about as fine as the places are
 _UPRIGHT = 4  # the second of every four photos is taller than wide
 _FOCAL_STATED = 2  # every second photo states its focal length
 _NOISE, _QUALITY = 2.0, 90  # standard deviation [levels of 255], and quality of the JPEG
 _LONGEST_S = 0.3  # of a drawn hand: all readouts, and the exposures around them
-_CAMERA, _MOTION, _GRAIN = range(3)  # streams of random numbers
+_CAMERA, _MOTION, _GRAIN, _STREET = range(4)  # streams of random numbers
+_FINER = 2  # times the size at which streets are rendered
 
-Kind = Literal["still", "hand", "pan", "quadratic"]
+_WALK, _RIDE = (0.5, 1.1), (3.0, 8.0)  # units of synthesis/streets.py per second: on foot, and in a car or tram
+
+Kind = Literal["still", "hand", "pan", "quadratic", "walk", "ride"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class PlaceSuite:
 
     name: str  # as in the tables
     kind: Kind
-    readout_s: float = 0.0  # of hands and pans
+    readout_s: float = 0.0  # of all but still cameras and quadratics
     exposure_s: float = 0.0  # of every row; estimators are not given it
     frames: int = 1  # 2 for pairs, more for clips
     readout_ratio: float = 0.6  # of pairs and clips: readout time / frame interval
@@ -115,6 +119,24 @@ class PlaceCase(_Drawn, ExamCase):
         return Rotating(camera, self.log(_LONGEST_S), self.suite.readout_s)
 
 
+@dataclass(frozen=True)
+class StreetCase(_Drawn, ExamCase):
+    """One photo of drawn houses before a place, by a camera that walks or rides past in any direction."""
+
+    def exam(self) -> Exam:
+        """See :class:`ExamCase`. Its motion is that of rows which comes nearest to how far each pixel moves."""
+        camera, dice = self.camera(), self.dice(_STREET)
+        way = dice.uniform(*(_WALK if self.suite.kind == "walk" else _RIDE)) * np.exp(1j * dice.uniform(0, 2 * np.pi))
+        passing = Passing(camera, self.log(_LONGEST_S), self.suite.readout_s, (way.real, way.imag))
+        street = draw_street(dice, _place(self.path), camera)
+        rs = with_noise(street.seen(passing, _FINER), _NOISE, self.dice(_GRAIN))
+        moved = street.moved(passing)
+        photo = Photo.from_bytes(Photo.from_array(rs).to_bytes("jpeg", _QUALITY))
+        focal = camera.focal_px if self.draw % _FOCAL_STATED == 0 else None
+        view = View(replace(photo, path=self.file), Stated(focal_px=focal))
+        return Exam(view, street.seen(passing, _FINER, is_global=True), nearest_motion(moved), moved)
+
+
 _FPS = 30.0
 
 
@@ -164,6 +186,8 @@ SUITES = (
     PlaceSuite("pan 50 ms", "pan", 0.05),
     PlaceSuite("quadratic", "quadratic"),
     PlaceSuite("hand 50 ms, exposed 1/60 s", "hand", 0.05, exposure_s=1 / 60),
+    PlaceSuite("street, walking, 50 ms", "walk", 0.05),
+    PlaceSuite("street, riding, 30 ms", "ride", 0.03),
     PlaceSuite("pair", "hand", frames=2),
     PlaceSuite("clip", "hand", frames=16),
     PlaceSuite("clip, pan", "pan", frames=16),
@@ -173,8 +197,14 @@ SUITES = (
 def place_cases(group: str, folders: list[Path], per_place: int, seed: int) -> list[Case]:
     """Returns all cases of some places; pairs and clips of the first photos only, since they have many frames."""
     return [
-        (PlaceCase if suite.frames == 1 else PlaceClip)(suite, group, folder, draw, seed)
+        _kind_of(suite)(suite, group, folder, draw, seed)
         for suite in SUITES
         for folder in folders
         for draw in range(per_place if suite.frames == 1 else 1)
     ]
+
+
+def _kind_of(suite: PlaceSuite) -> type[PlaceCase | StreetCase | PlaceClip]:
+    if suite.kind in ("walk", "ride"):
+        return StreetCase
+    return PlaceCase if suite.frames == 1 else PlaceClip

@@ -150,8 +150,9 @@ PROTOCOLS = {
         "Views of real places in all directions (cube maps), as people hold cameras: 45 to 75 degrees across, at times "
         "looking up at towers, some of them upright. Each row has its own attitude, so the truth is exact for all "
         "three rotations. Still cameras; drawn hands at readouts of 20, 50 and 100 ms; pans of 20 to 60 degrees a "
-        "second; the paper's quadratics; a hand with each row exposed for 1/60 s; pairs and clips of 16 frames at 30 a "
-        "second, with a readout of 0.6 frames, of which methods that see one photo get the middle frame.",
+        "second; the paper's quadratics; a hand with each row exposed for 1/60 s; streets of drawn houses with depth "
+        "(parallax), by a hand that walks or rides past; pairs and clips of 16 frames at 30 a second, with a readout "
+        "of 0.6 frames, of which methods that see one photo get the middle frame.",
         _places,
         rows="suite",
     ),

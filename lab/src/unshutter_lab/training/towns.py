@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from unshutter_lab.synthesis.panorama import FACES, face_directions
-from unshutter_lab.training.facades import TEXTURE, clouds, draw_wall
+from unshutter_lab.synthesis.walls import TEXTURE, clouds, draw_wall
 
 _NEAREST = 1e-6  # of a denominator that may be zero
 _ROOMS = 0.25  # share of the places that are rooms
