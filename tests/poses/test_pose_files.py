@@ -111,7 +111,7 @@ def test_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[s
     model, motions = CAMERA.write_model(tmp_path / "sparse"), CAMERA.write_motions(tmp_path / "motions")
     assert poses_command(tmp_path, model, motions, "--images", "film/", "--rows", "3") == 0
     told = capsys.readouterr().err
-    assert told == f"{model} -> {tmp_path / 'out'}: 5 pictures read in 20.0 ms\n"
+    assert told == f"{model} -> {tmp_path / 'out'}: 5 pictures read in 20.0 ms; not refined: the model has no points\n"
     out = tmp_path / "out"
     assert sorted(file.name for file in out.iterdir()) == ["gsplat.npz", "poses.csv", "transforms.json"]
     poses = unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS, rows=3)

@@ -65,7 +65,9 @@ class WalkingCamera:
         for _ in range(60):
             time_s = self.time_s(number, line)
             at = project(self.rotation(time_s), self.position(time_s), point)
-            line = self.line_of(*at)
+            before, line = line, self.line_of(*at)
+            if abs(line - before) < 1e-9:
+                break
         return at
 
     def write_model(self, folder: Path, binary: bool = False, share: float = 0.5) -> Path:
@@ -101,12 +103,15 @@ class WalkingCamera:
 
     def turns(self, number: int, lines: np.ndarray, of: int) -> np.ndarray:
         """[N, 3] rotation vectors since the first of ``of`` lines, in the readout frame, as motion files have them."""
-        quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-        turned = np.linalg.matrix_power(quarter, self.readout.quarter_turns)
+        turned = self._to_frame()
         whole = WIDTH if self.readout.sideways else HEIGHT
         times = [self.time_s(number, (line + 0.5) * whole / of - 0.5) for line in lines]
         first = self.rotation(times[0])
         return np.array([turned @ self._tracked(self.rotation(t) @ first.T, t - times[0]) for t in times])
+
+    def _to_frame(self) -> np.ndarray:
+        quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        return np.linalg.matrix_power(quarter, self.readout.quarter_turns)
 
     def _tracked(self, rotation: np.ndarray, seconds: float) -> np.ndarray:
         excess = cv2.Rodrigues(seconds * np.array(self.apparent))[0]
@@ -132,7 +137,7 @@ class WalkingCamera:
             record = {"time_s": number / FPS, "cut": False, "focal": FOCAL / lines, "rotations_rad": turns.tolist()}
             if number:
                 before, now = (self.time_s(k, (middle + 0.5) * lines / small - 0.5) for k in (number - 1, number))
-                turn = self._tracked(self.rotation(now) @ self.rotation(before).T, now - before)
+                turn = self._to_frame() @ self._tracked(self.rotation(now) @ self.rotation(before).T, now - before)
                 record["step"] = {"turn_rad": turn.tolist(), "focal": FOCAL / lines}
             records.append(record)
         head = {"format": "unshutter-clip-motion/1", "height": HEIGHT, "width": WIDTH, "readout": str(self.readout)}

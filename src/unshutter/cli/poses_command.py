@@ -55,8 +55,8 @@ def run(arguments: Arguments) -> int:
 COMMAND = Command(
     """Write the camera's pose at each row of the pictures of a COLMAP model, for gsplat and nerfstudio.
 
-Each row of a rolling-shutter picture has a pose of its own. COLMAP finds one for a picture; the motion within it and
-the positions of its neighbours give the others.""",
+Each row of a rolling-shutter picture has a pose of its own. COLMAP finds one for a picture; the motion within it, the
+positions of its neighbours and the rows on which it shows the model's points give the others.""",
     Arguments,
     run,
     when_stopped="no half-written file is left",

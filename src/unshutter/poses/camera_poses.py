@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.export import write_npz
 from unshutter.motion.shapes import Float64
 from unshutter.orientation import ScanDirection
-from unshutter.poses.colmap import ColmapCamera, ColmapPicture
+from unshutter.poses.colmap import FISHEYES, LITTLE_BENT, ColmapCamera, ColmapPicture
 from unshutter.storage.files import check_target, make_folder, remove_leftovers, written_whole
 
 GSPLAT = "gsplat.npz"
@@ -22,11 +22,10 @@ NERFSTUDIO = "transforms.json"
 TABLE = "poses.csv"
 NAMES = (GSPLAT, NERFSTUDIO, TABLE)
 _COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
-_BENT_LITTLE: tuple[str, ...] = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
-_FISHEYE: tuple[str, ...] = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE")
-# COLMAP's model -> nerfstudio's, and gsplat's
-_NERFSTUDIO = {**dict.fromkeys(_BENT_LITTLE, "OPENCV"), **dict.fromkeys(_FISHEYE, "OPENCV_FISHEYE")}
-_GSPLAT = {**dict.fromkeys((*_BENT_LITTLE, "FULL_OPENCV"), "pinhole"), **dict.fromkeys(_FISHEYE, "fisheye")}
+# COLMAP's model -> gsplat's, and nerfstudio's
+_GSPLAT = {**dict.fromkeys(LITTLE_BENT, "pinhole"), **dict.fromkeys(FISHEYES, "fisheye")}
+_NERFSTUDIO = {**dict.fromkeys(LITTLE_BENT, "OPENCV"), **dict.fromkeys(FISHEYES, "OPENCV_FISHEYE")}
+del _NERFSTUDIO["FULL_OPENCV"]
 
 
 @dataclass(frozen=True, eq=False)

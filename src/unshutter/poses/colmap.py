@@ -1,10 +1,10 @@
-"""Reads cameras and poses of a COLMAP model, binary or text (https://colmap.github.io/format.html)."""
+"""Reads cameras, poses and points of a COLMAP model, binary or text (https://colmap.github.io/format.html)."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -39,7 +39,13 @@ MODELS = {
     "EUCM": "fx fy cx cy alpha beta",
     "EQUIRECTANGULAR": "w h",
 }
+# those that bend straight lines a little, and fisheyes, by polynomials as OpenCV's
+LITTLE_BENT = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE")
+_INVERSION_STEPS = 50
+_SETTLED = 1e-7  # last step of the inversion, in focal lengths
 _LARGEST = 1 << 33  # bytes of a file
+_NO_POINT = (1 << 64) - 1  # number of the point of a position that has none
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,45 @@ class ColmapCamera:
         fx, fy = self.focal_px
         return np.array([[fx, 0, self.parameters["cx"]], [0, fy, self.parameters["cy"]], [0, 0, 1]])
 
+    def directions(self, positions: Float64[np.ndarray, "at 2"]) -> Float64[np.ndarray, "at 3"]:
+        """Returns the unit vectors that positions [px] show; NaN where there is none, and for other models."""
+        known = self.parameters
+        bent = (positions - [known["cx"], known["cy"]]) / self.focal_px
+        if self.model in FISHEYES:
+            return _fisheye_directions(bent, [known.get(f"k{k}", 0.0) for k in range(1, 5)])
+        if self.model not in LITTLE_BENT:
+            return np.full((len(positions), 3), np.nan)
+        k = [known.get(f"k{k}", 0.0) for k in range(1, 7)]
+        p1, p2 = known.get("p1", 0.0), known.get("p2", 0.0)
+        straight = bent.copy()
+        for _ in range(_INVERSION_STEPS):
+            x, y = straight.T
+            square = x**2 + y**2
+            factor = (1 + square * (k[3] + square * (k[4] + square * k[5]))) / (
+                1 + square * (k[0] + square * (k[1] + square * k[2]))
+            )
+            leaning = [2 * p1 * x * y + p2 * (square + 2 * x**2), p1 * (square + 2 * y**2) + 2 * p2 * x * y]
+            before = straight
+            straight = (bent - np.stack(leaning, axis=1)) * factor[:, None]
+        straight[np.abs(straight - before).max(axis=1) > _SETTLED] = np.nan
+        directions = np.column_stack([straight, np.ones(len(straight))])
+        return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def _fisheye_directions(bent: np.ndarray, k: list[float]) -> np.ndarray:
+    """Returns unit vectors [N, 3] from positions [N, 2] in focal lengths from the centre."""
+    radius = np.linalg.norm(bent, axis=1)
+    angle = radius.copy()
+    for _ in range(_INVERSION_STEPS):
+        square = angle**2
+        value = angle * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))
+        slope = 1 + square * (3 * k[0] + square * (5 * k[1] + square * (7 * k[2] + square * 9 * k[3])))
+        step = (value - radius) / slope
+        angle = angle - step
+    angle[~(np.abs(step) < _SETTLED) | (angle > np.pi)] = np.nan
+    across = np.sin(angle) / np.maximum(radius, 1e-12)
+    return np.column_stack([across[:, None] * bent, np.cos(angle)])
+
 
 @dataclass(frozen=True)
 class ColmapPicture:
@@ -72,6 +117,9 @@ class ColmapPicture:
     camera: ColmapCamera
     # [4, 4] from the world to the camera's axes: x to the right, y down, z into the scene
     world_to_camera: Float64[np.ndarray, "4 4"]
+    # [N, 2] (x, y) of the points that it shows [px], and [N] their numbers in the model
+    seen: Float64[np.ndarray, "points 2"] = field(default_factory=lambda: np.empty((0, 2)))
+    numbers: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint64))
 
 
 def read_model(folder: Path) -> list[ColmapPicture]:
@@ -104,6 +152,24 @@ def read_model(folder: Path) -> list[ColmapPicture]:
     if not pictures:
         raise UnshutterError("{model} has no registered pictures", model=folder)
     return sorted(pictures, key=lambda picture: picture.name)
+
+
+def read_points(folder: Path) -> tuple[np.ndarray, Float64[np.ndarray, "points 3"]]:
+    """Returns the numbers of a model's points, increasing, and where they are; no points if it has no such file.
+
+    Raises:
+        UnshutterError: the file is damaged.
+    """
+    ending = ".bin" if _holds(folder, ".bin") else ".txt"
+    file = folder / f"points3D{ending}"
+    if not file.exists():
+        return np.empty(0, np.uint64), np.empty((0, 3))
+    points = _read(file, _points_from_bytes if ending == ".bin" else _points_from_text)
+    numbers = np.array(list(points), np.uint64)
+    places = np.array(list(points.values())).reshape(-1, 3)
+    order = np.argsort(numbers)
+    order = order[np.isfinite(places[order]).all(axis=1)]
+    return numbers[order], places[order]
 
 
 def _holds(folder: Path, ending: str) -> bool:
@@ -141,7 +207,9 @@ def _camera(model: str, width: int, height: int, parameters: list[float]) -> Col
     return camera
 
 
-def _picture(name: str, pose: list[float], camera: ColmapCamera) -> ColmapPicture:
+def _picture(
+    name: str, pose: list[float], camera: ColmapCamera, seen: np.ndarray, numbers: np.ndarray
+) -> ColmapPicture:
     """Returns a picture from a quaternion (w, x, y, z) and a translation, both from the world to the camera."""
     quaternion = np.array(pose[:4])
     length = np.linalg.norm(quaternion)
@@ -150,7 +218,8 @@ def _picture(name: str, pose: list[float], camera: ColmapCamera) -> ColmapPictur
     world_to_camera = np.eye(4)
     world_to_camera[:3, :3] = _rotation_of(quaternion / length)
     world_to_camera[:3, 3] = pose[4:]
-    return ColmapPicture(name, camera, world_to_camera)
+    known = (numbers != _NO_POINT) & np.isfinite(seen).all(axis=1)
+    return ColmapPicture(name, camera, world_to_camera, seen[known], numbers[known])
 
 
 def _rotation_of(quaternion: np.ndarray) -> np.ndarray:
@@ -163,6 +232,8 @@ def _rotation_of(quaternion: np.ndarray) -> np.ndarray:
 
 
 # ---- binary files: little-endian ----------------------------------------------------------------------------
+
+_SEEN = np.dtype([("at", "<f8", 2), ("point", "<u8")])
 
 
 def _cameras_from_bytes(data: bytes) -> dict[int, ColmapCamera]:
@@ -189,12 +260,26 @@ def _pictures_from_bytes(data: bytes, cameras: dict[int, ColmapCamera]) -> list[
         _, *pose, camera = struct.unpack_from("<I7dI", data, at)
         start = at + 64
         end = data.index(b"\0", start)
-        pictures.append(_picture(data[start:end].decode("utf-8", "surrogateescape"), pose, cameras[camera]))
         (points,) = struct.unpack_from("<Q", data, end + 1)
         at = end + 9 + 24 * points
         if at > len(data):
             raise ValueError("it ends too early")
+        shown = np.frombuffer(data, _SEEN, points, end + 9)
+        name = data[start:end].decode("utf-8", "surrogateescape")
+        pictures.append(_picture(name, pose, cameras[camera], shown["at"].astype(np.float64), shown["point"]))
     return pictures
+
+
+def _points_from_bytes(data: bytes) -> dict[int, tuple[float, ...]]:
+    points: dict[int, tuple[float, ...]] = {}
+    (count,) = struct.unpack_from("<Q", data)
+    at = 8
+    for _ in range(count):
+        number, *place = struct.unpack_from("<Q3d", data, at)
+        (pictures,) = struct.unpack_from("<Q", data, at + 43)
+        points[number] = tuple(place)
+        at += 51 + 8 * pictures
+    return points
 
 
 # ---- text files ---------------------------------------------------------------------------------------------
@@ -217,9 +302,20 @@ def _pictures_from_text(data: bytes, cameras: dict[int, ColmapCamera]) -> list[C
     for line in lines:
         if line and not line.startswith("#"):
             _, *pose, camera, name = line.split(maxsplit=9)
-            pictures.append(_picture(name, list(map(float, pose)), cameras[int(camera)]))
-            next(lines, "")  # its points, perhaps none
+            shown = np.array(next(lines, "").split()).reshape(-1, 3)  # perhaps none
+            numbers = np.array([int(number) % (1 << 64) for number in shown[:, 2]], np.uint64)
+            seen = shown[:, :2].astype(np.float64)
+            pictures.append(_picture(name, list(map(float, pose)), cameras[int(camera)], seen, numbers))
     return pictures
+
+
+def _points_from_text(data: bytes) -> dict[int, tuple[float, ...]]:
+    points: dict[int, tuple[float, ...]] = {}
+    for line in _lines(data):
+        if line and not line.startswith("#"):
+            number, x, y, z, *_ = line.split(maxsplit=4)
+            points[int(number)] = float(x), float(y), float(z)
+    return points
 
 
 def _lines(data: bytes) -> Iterator[str]:

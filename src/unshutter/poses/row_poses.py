@@ -1,5 +1,7 @@
 """The camera's pose at each row, from a COLMAP model, the motion within each picture and its neighbours' positions.
 
+These poses are then refined against the model's points, if it has some (refinement.py).
+
 Convention: a pose is the matrix [4, 4] from the world to the camera's axes (x to the right, y down, z into the scene,
 as in OpenCV and COLMAP). COLMAP finds one for each picture, P_m, which is that of the row m that the picture shows: the
 reference row of a straightened one, and about the middle row of any other. With R(v), the rotation from row m to row v,
@@ -14,20 +16,25 @@ sideways looks as if it turned; the poses of the neighbours show how far it turn
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.frames.frame_motion import READOUT_FRACTION
+from unshutter.motion import Motion
+from unshutter.motion.grid import PositionMap, gs_to_rs_map
 from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.options import Reference, check_ratio, option
 from unshutter.options.fields import check_values, implemented_by
 from unshutter.orientation import ScanDirection
+from unshutter.poses.adjustment import Paths
 from unshutter.poses.camera_poses import CameraPoses, PicturePoses
-from unshutter.poses.colmap import ColmapPicture, read_model
+from unshutter.poses.colmap import ColmapPicture, read_model, read_points
 from unshutter.poses.frame_matching import match_frames
 from unshutter.poses.frame_rotations import (
     Clock,
@@ -37,6 +44,7 @@ from unshutter.poses.frame_rotations import (
     rotations_in_picture,
     series_and_number,
 )
+from unshutter.poses.refinement import NODES, RowPath, refined
 from unshutter.reasons import Reason
 
 _MOST_ROWS = 1001
@@ -85,6 +93,7 @@ class _Frame:
     lines: Float64[np.ndarray, "lines"]  # stored row or column of each
     times_s: Float64[np.ndarray, "lines"]  # when each was read
     moment_s: float  # when the reference line was read
+    unstraightened: Callable[[], PositionMap]  # from positions in the straightened picture to those in the frame
 
     @property
     def camera(self) -> PictureCamera:
@@ -133,7 +142,11 @@ def find_poses(colmap: str | Path, motions: str | Path, options: PoseOptions) ->
         for series in frames
         for k, frame in enumerate(series)
     ]
-    return CameraPoses(sorted(poses, key=lambda each: each.picture.name), left_out, source.readout_s, matched)
+    refinement = refined(_row_paths(frames, source), *read_points(Path(colmap)))
+    for k in np.flatnonzero(refinement.is_refined).tolist():
+        poses[k] = _refined(poses[k], refinement.paths, k)
+    poses.sort(key=lambda each: each.picture.name)
+    return CameraPoses(poses, left_out, source.readout_s, [*matched, refinement.note])
 
 
 def _series(pictures: list[ColmapPicture], first: int) -> dict[str, list[tuple[int, ColmapPicture]]]:
@@ -228,15 +241,20 @@ def _frame_of(picture: ColmapPicture, number: int, source: FrameRotations, optio
         lines=order[::-1] if is_reversed else order,
         times_s=start + source.readout_s * order / count,
         moment_s=start + source.readout_s * share * (count - 1) / count,
+        unstraightened=partial(_unstraightened, found.motion, _camera_of(picture), options.reference),
     )
+
+
+def _unstraightened(motion: Motion, camera: PictureCamera, reference: Reference) -> PositionMap:
+    """Returns the map from positions in a straightened picture to those in the frame."""
+    size = motion.scan_direction.frame_size(camera.height, camera.width)
+    return gs_to_rs_map(motion.resized(*size).rereferenced(reference))
 
 
 def _poses_of(frames: list[_Frame], k: int, source: FrameRotations, at: Float64[np.ndarray, "rows"]) -> PicturePoses:
     """Returns the poses of one of a camera's frames at lines, counted from the first that was read."""
     frame = frames[k]
-    others = [frames[j] for j in (k - 1, k + 1) if 0 <= j < len(frames)]
-    near = [other for other in others if source.joined(*sorted((frame.number, other.number)))]
-    near = [other for other in near if other.number != frame.number]
+    near = [frames[j] for j in _near(frames, k, source)]
     lines = np.rint(at).astype(int)
     since_s = frame.times_s[lines] - frame.moment_s
     excess = _apparent_rotation(frame, near, source)
@@ -248,6 +266,54 @@ def _poses_of(frames: list[_Frame], k: int, source: FrameRotations, at: Float64[
     return PicturePoses(
         frame.picture, frame.scan_direction, frame.lines[lines], frame.times_s[lines], poses, bool(near)
     )
+
+
+def _row_paths(frames: list[list[_Frame]], source: FrameRotations) -> list[RowPath]:
+    """Returns what is known of all frames, to be refined together."""
+    paths: list[RowPath] = []
+    for series in frames:
+        start = len(paths)
+        for k, frame in enumerate(series):
+            poses = _poses_of(series, k, source, np.linspace(0, len(frame.lines) - 1, NODES))
+            between_s = frame.times_s[-1] - frame.times_s[0]
+            near = _near(series, k, source) if between_s > 0 else []
+            neighbours = [(start + j, float(series[j].moment_s - frame.moment_s) / between_s) for j in near]
+            paths.append(
+                RowPath(
+                    frame.picture,
+                    frame.scan_direction,
+                    _share(frame.scan_direction, frame.picture, poses.lines),
+                    poses.world_to_camera,
+                    frame.unstraightened,
+                    neighbours,
+                )
+            )
+    return paths
+
+
+def _share(scan_direction: ScanDirection, picture: ColmapPicture, lines: np.ndarray) -> Float64[np.ndarray, "rows"]:
+    """Returns which share of the readout has passed at lines of a picture, from -1/2 at the first to 1/2."""
+    count, _ = scan_direction.frame_size(picture.camera.height, picture.camera.width)
+    is_reversed = scan_direction in (ScanDirection.BOTTOM_TO_TOP, ScanDirection.RIGHT_TO_LEFT)
+    share = lines / max(count - 1, 1) - 0.5
+    return -share if is_reversed else share
+
+
+def _refined(poses: PicturePoses, paths: Paths, k: int) -> PicturePoses:
+    """Returns the poses of a picture on its refined path."""
+    share = _share(poses.scan_direction, poses.picture, poses.lines)
+    rotations, positions = paths.at(np.full(len(share), k), share)
+    world_to_camera = poses.world_to_camera.copy()
+    world_to_camera[:, :3, :3] = rotations
+    world_to_camera[:, :3, 3] = -np.einsum("nij,nj->ni", rotations, positions)
+    return replace(poses, world_to_camera=world_to_camera)
+
+
+def _near(frames: list[_Frame], k: int, source: FrameRotations) -> list[int]:
+    """Returns the indices of the frames just before and after one, if they are near in time."""
+    frame = frames[k]
+    others = [j for j in (k - 1, k + 1) if 0 <= j < len(frames) and frames[j].number != frame.number]
+    return [j for j in others if source.joined(*sorted((frame.number, frames[j].number)))]
 
 
 def _moved(frame: _Frame, near: list[_Frame], since_s: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
