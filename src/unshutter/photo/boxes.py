@@ -121,13 +121,27 @@ class BoxCoding(NamedTuple):
 _MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the value in imir
 
 
+def bits_agree(file: BinaryIO) -> bool:
+    """Whether the bits per sample of the primary picture of a HEIC are what the header of its coding says."""
+    try:
+        own = dict(_properties(file))
+        return own[b"hvcC"][17] & 7 == own[b"pixi"][5] - 8
+    except (KeyError, IndexError, struct.error):
+        return True  # one of them is not stated
+
+
+def _properties(file: BinaryIO) -> list[tuple[bytes, bytes]]:
+    """Returns the properties of the primary picture; raises KeyError, IndexError or struct.error."""
+    meta = in_meta(file)
+    iprp = dict(inside(meta[b"iprp"]))
+    properties = list(inside(iprp[b"ipco"]))
+    return [properties[i - 1] for i in _associations(iprp[b"ipma"], _primary(meta)) if i]
+
+
 def read_coding(file: BinaryIO) -> BoxCoding:
     """Reads the properties of the primary picture (boxes pitm, ipco, ipma); defaults if damaged."""
     try:
-        meta = in_meta(file)
-        iprp = dict(inside(meta[b"iprp"]))
-        properties = list(inside(iprp[b"ipco"]))
-        listed = [properties[i - 1] for i in _associations(iprp[b"ipma"], _primary(meta)) if i]
+        listed = _properties(file)
         own = dict(listed)
         colours = [
             struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable
-from fractions import Fraction
 
 from unshutter.photo import xmp
 from unshutter.photo.chunks import APP1, APP2, XMP_PREFIX
@@ -55,6 +54,8 @@ def _of_xmp(packet: bytes) -> bytes | None:
 
 
 def _fraction(value: float) -> bytes:
+    from fractions import Fraction  # imported here: reading a file does not need it
+
     if not math.isfinite(value):
         raise ValueError
     exact = Fraction(value).limit_denominator(_LARGEST)

@@ -13,8 +13,10 @@ PICTURES = "further pictures"
 DAMAGED = "damaged"
 GAIN_MAP = "gain map"
 DEPTH_MAP = "depth map"
+CONFIDENCE_MAP = "confidence map"  # of a depth map
 MATTES = "mattes"
-AUXILIARY = (GAIN_MAP, DEPTH_MAP, MATTES)  # pictures in the photo's own coordinates
+EXTENDED_XMP = "XMP (beyond the first 64 kB)"
+AUXILIARY = (GAIN_MAP, DEPTH_MAP, CONFIDENCE_MAP, MATTES)  # pictures in the photo's own coordinates
 
 
 class Found(NamedTuple):

@@ -15,12 +15,12 @@ from unshutter.inventory import Part, left_out
 from unshutter.options import PictureFormat, Save, Subsampling
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.orientation import Orientation
-from unshutter.photo import chunks, exif, xmp
+from unshutter.photo import chunks, exif, extended_xmp, xmp
 from unshutter.photo.code_points import CodePoints, for_screen
 from unshutter.photo.formats import WRITTEN, of_target
 from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
-from unshutter.photo.parts import DAMAGED, GAIN_MAP, Found, lost, without
+from unshutter.photo.parts import AUXILIARY, DAMAGED, Found, lost, without
 from unshutter.storage.files import Times, check_target, written_whole
 from unshutter.storage.locations import RunFiles
 from unshutter.storage.opened import Opened
@@ -191,14 +191,13 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     resources = metadata.resources
     if packet is not None:
         video = metadata.video if "video" in format.holds else None
-        is_told = any(part.name == GAIN_MAP for part in found)
-        found = (*found, *xmp.lost(packet, video is not None, is_told))
+        found = (*found, *xmp.lost(packet, video is not None, {part.name for part in found} & {*AUXILIARY}))
         # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.updated(
             packet,
             xmp.NextPicture(
-                image.height, image.width, xmp_orientation, is_new, video and video.place, _lengths(metadata, format)
+                image.height, image.width, xmp_orientation, is_new, video and video.place, *_follow(metadata, format)
             ),
         )
         if packet is None:
@@ -219,11 +218,13 @@ def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> 
     return replace(metadata, exif=blob, icc=profile, xmp=packet, resources=resources, found=found)
 
 
-def _lengths(metadata: Metadata, format: WrittenFormat) -> tuple[tuple[str, int], ...]:
-    """Returns name and length [bytes] of each auxiliary picture that will follow the picture."""
+def _follow(metadata: Metadata, format: WrittenFormat) -> tuple[tuple[tuple[str, int], ...], str | None]:
+    """Returns name and length [bytes] of each auxiliary picture that will follow the picture, and what XMP will."""
     if metadata.auxiliaries is None or not format.appends_pictures:
-        return ()
-    return tuple((each.name, len(each.file)) for each in metadata.auxiliaries.pictures)
+        return (), None
+    packet = metadata.auxiliaries.extended_xmp
+    lengths = tuple((each.name, len(each.file)) for each in metadata.auxiliaries.behind)
+    return lengths, None if packet is None else extended_xmp.digest(packet)
 
 
 def _thumbnail(image: pyvips.Image, stated: CodePoints | None) -> bytes:

@@ -36,11 +36,11 @@ from unshutter.storage.objects import local_file
 from unshutter.video.calibrate import cameras
 from unshutter.video.calibrate.camera import ClipCamera
 from unshutter.video.decision import NO_FRAMES, Decision, Leave, RectifyFrames, calibrate_and_decide, why_unfit
-from unshutter.video.file import clip_inventory, mp4_inventory, mp4_writer, previews
+from unshutter.video.file import clip_inventory, matroska, mp4_inventory, mp4_writer, previews
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import ClipFacts, read_clip_facts
 from unshutter.video.file.containers import VideoFile
-from unshutter.video.file.encoders import Encoder, light_boxes
+from unshutter.video.file.encoders import Encoder, light_boxes, light_elements
 from unshutter.video.file.motion_file import MotionWriter
 from unshutter.video.file.mp4 import Movie
 from unshutter.video.file.pixels import of_file
@@ -62,6 +62,7 @@ from unshutter.video.render.virtual_gyro import VirtualGyro, write_virtual_gyro
 _SMALLER_PX = 8
 _TRIED_S = 1.0  # s of a clip by which it is foreseen what becomes of its parts
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
+_MATROSKA = (".mkv", ".webm")
 
 
 @no_opencv_threads()  # the steps of a clip have their own
@@ -253,6 +254,9 @@ class _Output:
             with part.open("r+b") as out:
                 light = light_boxes(self.clip, self.encoder.name)
                 mp4_writer.write_completed(frames_file, writer.covers, light, out)
+        elif self.kind in _MATROSKA and (elements := light_elements(self.clip, self.encoder.name)):
+            with part.open("r+b") as out:
+                matroska.state_light(out, elements)
         if writer.has_dolby_vision:
             yield Part("configuration of Dolby Vision", Fate.LEFT_OUT, "some players ignore the metadata without it")
         yield from clip_inventory.parts(source, str(part), writer.carried, writer.is_part)

@@ -98,3 +98,11 @@ def test_truncated_heic_is_refused(tmp_path: Path, kept: float) -> None:
         Photo.open(path).save(tmp_path / "a.png")
     assert "damaged" in one_line(error) and str(path) in str(error.value)
     assert [p.name for p in tmp_path.iterdir()] == ["a.heic"]
+
+
+def test_headers_that_contradict_each_other_are_refused() -> None:
+    data = bytearray(heic(drawn(96, 160)))
+    data[data.index(b"hvcC") + 4 + 17] += 2  # 10 bits per sample, and 8 in another header
+    with pytest.raises(UnshutterError, match="its headers contradict each other") as error:
+        Photo.from_bytes(bytes(data))
+    one_line(error)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -12,12 +13,13 @@ from support import clips
 from support.movie_boxes import box, with_entry_boxes
 from unshutter.cli import main
 from unshutter.frames.pyav import side_data
-from unshutter.video.file import dynamic_hdr
+from unshutter.video.file import dynamic_hdr, matroska, mp4_writer
 from unshutter.video.file.pixels import in_srgb
 
 FRAMES = 16
 QUIET = "log-level=error:bframes=2"
-LIGHT = "hdr10=1:max-cll=1000,400:master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15635,16450)L(10000000,1)"
+LIGHT = "chromaloc=2:hdr10=1:max-cll=1000,400:"
+LIGHT += "master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15635,16450)L(10000000,1)"
 PQ, HLG = (1, 9, 16, 9), (1, 9, 18, 9)
 
 
@@ -98,6 +100,17 @@ def hevc(path: Path, colours: tuple[int, ...] = PQ, pixel_format: str = "yuv420p
     return clips.write(
         path, clips.moving(FRAMES)[1], "libx265", pixel_format, options=options, colours=colours, tag="hvc1"
     )
+
+
+def dnxhr(path: Path) -> Path:
+    plain = path.with_name("plain.mov")
+    frames = [cv2.resize(each, (256, 192)) for each in clips.moving(FRAMES)[1]]
+    clips.write(plain, frames, "dnxhd", "yuv422p10le", options={"profile": "dnxhr_hqx"}, colours=PQ)
+    points = struct.pack(">8H2I", 8500, 39850, 6550, 2300, 35400, 14600, 15635, 16450, 10_000_000, 1)
+    light = [(b"mdcv", points), (b"clli", struct.pack(">2H", 1000, 400))]
+    with plain.open("rb") as video, path.open("wb") as out:
+        mp4_writer.write_completed(video, [], light, out)
+    return path
 
 
 def straightened(path: Path, out: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> str:
@@ -187,11 +200,14 @@ def test_hdr10_plus_of_av1_stays_with_its_frames(tmp_path: Path, capsys) -> None
         (".mov", ".mov", ("--codec", "prores_ks")),
         (".mp4", ".mov", ("--codec", "prores_ks")),  # written by FFmpeg
         (".mp4", ".mp4", ("--codec", "ffv1")),
+        (".mkv", ".mkv", ("--codec", "ffv1")),
+        pytest.param(".mp4", ".mkv", ("--codec", "prores_ks"), marks=pytest.mark.thorough),
+        (".mov", ".mov", ()),  # DNxHR
     ],
 )
 def test_mastering_display_and_light_levels_stay_in_every_codec(tmp_path: Path, capsys, source, result, flags) -> None:
-    pixel_format = "yuv422p10le" if "prores_ks" in flags else "yuv420p10le"
-    source = hevc(tmp_path / f"in{source}", pixel_format=pixel_format)
+    pixel_format = "yuv422p10le" if "prores_ks" in flags or not flags else "yuv420p10le"
+    source = hevc(tmp_path / f"in{source}", pixel_format=pixel_format) if flags else dnxhr(tmp_path / f"in{source}")
     out = tmp_path / f"out{result}"
     told = straightened(source, out, capsys, *flags)
     assert "not kept" not in told
@@ -199,6 +215,13 @@ def test_mastering_display_and_light_levels_stay_in_every_codec(tmp_path: Path, 
     assert after["CONTENT_LIGHT_LEVEL"] == before["CONTENT_LIGHT_LEVEL"] == clips.LIGHT
     one, other = (np.frombuffer(each["MASTERING_DISPLAY_METADATA"][:80], "i4") for each in (before, after))
     np.testing.assert_allclose(other[::2] / other[1::2], one[::2] / one[1::2], rtol=1e-3, atol=4e-5)
+    if ".mkv" in result and "prores_ks" not in flags:  # the others do not state it, or PyAV does not say
+        assert chroma_location(source) == chroma_location(out) == "topleft"
+
+
+def chroma_location(path: Path) -> str:
+    with av.open(str(path)) as clip:
+        return matroska.chroma_location(clip.streams.video[0])
 
 
 def test_units_never_look_like_start_codes() -> None:

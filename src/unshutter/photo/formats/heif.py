@@ -150,7 +150,7 @@ class Avif(WrittenFormat):
         gain_map = auxiliaries.gain_map
         if gain_map is None or auxiliaries.iso_metadata is None:
             return None
-        return replace(auxiliaries, pictures=(gain_map,))
+        return replace(auxiliaries, pictures=(gain_map,), extension=None)
 
 
 def _embed_exif(file: BinaryIO, blob: bytes) -> bool:
@@ -271,7 +271,7 @@ def _with_auxiliaries(metadata: Metadata, source: Source, format: Format, size: 
         attributes, content = _LISTED
         version_told = b"hdrgm:Version" in (packet or b"")
         packet = xmp.with_description(packet, attributes + (b"" if version_told else _VERSION), content)
-    auxiliaries = Auxiliaries(pictures, segments[:1], ">", alternate)
+    auxiliaries = Auxiliaries(pictures, segments[:1], ">", alternate=alternate)
     return replace(metadata, xmp=packet, found=tuple(found), auxiliaries=auxiliaries)
 
 
@@ -307,6 +307,8 @@ def _primary(source: Source) -> HeifImage:
         with source.stream() as stream:
             if not _item_names_are_text(stream):
                 raise ValueError("names of its parts are not text")
+            if not boxes.bits_agree(stream):  # pi-heif is not asked to read such data
+                raise ValueError("its headers contradict each other")
             file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
             if not len(file):
                 raise ValueError("it contains no picture")

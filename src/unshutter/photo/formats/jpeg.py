@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
 from unshutter.inventory import Fate
-from unshutter.photo import chunks, exif, xmp
-from unshutter.photo.auxiliary_pictures import LIST_PREFIX, Auxiliaries, AuxiliaryPicture, StoredJpeg
+from unshutter.photo import chunks, exif, extended_xmp, xmp
+from unshutter.photo.auxiliary_pictures import LIST_PREFIX, Auxiliaries, AuxiliaryPicture, StoredInXmp, StoredJpeg
 from unshutter.photo.chunks import (
     APP0,
     APP1,
@@ -39,7 +39,9 @@ from unshutter.photo.gain_map_metadata import ISO_PREFIX
 from unshutter.photo.libvips import Source
 from unshutter.photo.parts import (
     AUXILIARY,
+    CONFIDENCE_MAP,
     DEPTH_MAP,
+    EXTENDED_XMP,
     GAIN_MAP,
     OTHER,
     PICTURES,
@@ -74,7 +76,7 @@ _SEGMENTS = (
     (APP0, b"AVI1", "coding", "", Fate.REPLACED),
     (APP1, EXIF_PREFIX, "EXIF", "exif", Fate.LEFT_OUT),
     (APP1, XMP_PREFIX, "XMP", "xmp", Fate.LEFT_OUT),
-    (APP1, b"http://ns.adobe.com/xmp/extension/\0", "XMP (beyond the first 64 kB)", "", Fate.LEFT_OUT),
+    (APP1, extended_xmp.PREFIX, EXTENDED_XMP, "", Fate.LEFT_OUT),
     (APP2, b"ICC_PROFILE\0", "colour profile", "icc", Fate.LEFT_OUT),
     (APP2, LIST_PREFIX, "list of pictures", "", Fate.REPLACED),
     (APP2, ISO_PREFIX, GAIN_MAP, "auxiliaries", Fate.LEFT_OUT),
@@ -86,6 +88,7 @@ _SEGMENTS = (
 _APPLICATION = range(APP0, APP0 + 16)
 _MP_ENTRIES = 0xB002  # tag with kind, length and start of each picture
 _MP_KINDS = {0x010001: "preview", 0x010002: "preview", 0x020002: DEPTH_MAP, 0x050000: GAIN_MAP}
+_NEED_NO_METADATA = (DEPTH_MAP, CONFIDENCE_MAP)
 _LONGEST_HEAD = 1 << 20  # bytes in which the kind of a further picture is looked for
 
 
@@ -162,12 +165,11 @@ class Jpeg(WrittenFormat):
             density = struct.pack(">BHH", *metadata.jfif_density)
             added = chunks.encoded_segment(APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
         if metadata.auxiliaries is not None:
-            added += b"".join(chunks.encoded_segment(APP2, each) for each in metadata.auxiliaries.segments)
-            added += metadata.auxiliaries.listed(at + len(added), file.seek(0, io.SEEK_END) + len(added))
+            added += metadata.auxiliaries.in_front(at + len(added), file.seek(0, io.SEEK_END) + len(added))
         if added:
             insert(file, at, added)
         file.seek(0, io.SEEK_END)
-        for each in metadata.auxiliaries.pictures if metadata.auxiliaries is not None else ():
+        for each in metadata.auxiliaries.behind if metadata.auxiliaries is not None else ():
             file.write(each.file)
         if metadata.video is not None:
             file.write(metadata.video.data)
@@ -203,12 +205,20 @@ def _with_segments(image: pyvips.Image, source: Source, file: BinaryIO) -> Metad
         video=video,
     )
     behind = list(_pictures_behind(file, listed, metadata))
+    size = image.height, image.width
     pictures = [
-        AuxiliaryPicture(part.name, StoredJpeg(source, at, part.size, (image.height, image.width)))
-        for part, at in behind
-        if part.held
+        AuxiliaryPicture(part.name, StoredJpeg(source, at, part.size, size)) for part, at in behind if part.held
     ]
-    metadata = replace(metadata, auxiliaries=_auxiliaries(pictures, listed))
+    extension = extended_xmp.assembled(_beginning(listed, APP1, extended_xmp.PREFIX))
+    inside = None if extension is None else extended_xmp.pictures_in(extension)
+    for name, data in (inside or {}).items():
+        part = further_picture(extended_xmp.PICTURES[name], len(data), "auxiliaries")
+        behind.append((part, 0))
+        pictures.append(AuxiliaryPicture(part.name, StoredInXmp(data, size), in_xmp=name))
+    auxiliaries = _auxiliaries(pictures, listed)
+    if auxiliaries is not None and inside is not None and any(each.is_nearest for each in pictures):
+        auxiliaries = replace(auxiliaries, extension=extension)
+    metadata = replace(metadata, auxiliaries=auxiliaries)
     found = [*_segments(listed, metadata), *(part for part, _ in behind)]
     if video is not None:
         found += [Found("film", video.taken_from, "video"), *map(Found, video.left_behind)]
@@ -246,6 +256,8 @@ def _segments(listed: list[tuple[int, bytes, int]], metadata: Metadata) -> Itera
         elif held == "auxiliaries":
             is_kept = metadata.auxiliaries is not None and bool(metadata.auxiliaries.segments)
             yield further_picture(name, size, held if is_kept else "")
+        elif name == EXTENDED_XMP and metadata.auxiliaries is not None and metadata.auxiliaries.extension is not None:
+            yield Found(name, size, "auxiliaries")
         elif held == "resources":
             yield picture_format.resources_part(metadata.resources, size)
         else:
@@ -258,22 +270,24 @@ def _pictures_behind(
 ) -> Iterator[tuple[Found, int]]:
     """Yields a part for each further picture, and one for other data behind the picture, with their positions.
 
-    Auxiliary pictures are those whose own metadata say what they show.
+    Auxiliary pictures are those whose own metadata say what they show, and depth maps that the photo's list.
     """
-    kinds = _kinds_by_size(listed) | xmp.names_by_length(metadata.xmp)
+    named = xmp.names_by_length(metadata.xmp)
+    kinds = _kinds_by_size(listed)
     is_listed = bool(_beginning(listed, APP2, LIST_PREFIX))
     usual = GAIN_MAP if xmp.has_gain_map(metadata.xmp) else PICTURES if is_listed else None
     end = file.seek(0, io.SEEK_END) - (metadata.video.taken_from if metadata.video else 0)
     pieces = list(chunks.pieces_behind(file, end))
     for at, size in pieces:
+        in_list = named[size].pop(0) if named.get(size) else None
         file.seek(at)
         if file.read(3) == b"\xff\xd8\xff":
             head = (content for _, content in before_the_scan(file, (APP1, APP2), at))
-            own = purpose(b"".join(head)[:_LONGEST_HEAD])
-            name = own or kinds.get(size) or usual or PICTURES
+            own = purpose(b"".join(head)[:_LONGEST_HEAD]) or (in_list if in_list in _NEED_NO_METADATA else None)
+            name = own or in_list or kinds.get(size) or usual or PICTURES
             yield further_picture(name, size, "auxiliaries" if own in AUXILIARY else ""), at
         else:
-            yield further_picture(kinds.get(size) or usual or OTHER, size), at
+            yield further_picture(in_list or kinds.get(size) or usual or OTHER, size), at
     if not pieces and usual:
         yield further_picture(usual), 0
 

@@ -23,7 +23,7 @@ from unshutter.photo.code_points import CodePoints
 from unshutter.photo.directories import EXIF_PREFIX
 from unshutter.photo.embedded_video import AppendedVideo
 from unshutter.photo.libvips import Source, computed, field, libvips, refusing, set_blob
-from unshutter.photo.parts import DAMAGED, Found, without
+from unshutter.photo.parts import DAMAGED, EXTENDED_XMP, Found, without
 from unshutter.photo.placement import Placement
 
 if TYPE_CHECKING:
@@ -97,6 +97,8 @@ class Metadata:
             return self
         left = set() if auxiliaries is None else {each.name for each in auxiliaries.pictures}
         gone = {each.name for each in self.auxiliaries.pictures} - left
+        if auxiliaries is None or auxiliaries.extension is None:
+            gone.add(EXTENDED_XMP)
         found = (
             part._replace(held="") if part.held == "auxiliaries" and part.name in gone else part for part in self.found
         )

@@ -18,7 +18,7 @@ from unshutter.frames import pyav
 from unshutter.frames.pyav import av
 from unshutter.options.clip_options import MAX_CLIP_PIXELS
 from unshutter.photo.photo import check_size
-from unshutter.video.file import containers, mp4, mp4_writer
+from unshutter.video.file import containers, matroska, mp4, mp4_writer
 from unshutter.video.file.bars import may_have_bars, picture_within_bars
 from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.camera_tags import CameraTags
@@ -53,6 +53,7 @@ class Coding:
     time_base: Fraction | None  # unit of the frames' times [s]
     colours: dict[str, int]  # FFmpeg's codes of the colours, by their names
     pixel_aspect: Fraction | None  # width of a pixel divided by its height; None if unknown
+    chroma: str = ""  # where chroma lies, in FFmpeg's words; empty for the usual place
     bits_per_s: float = 0.0  # bit rate of the frames; 0 if unknown
 
     @classmethod
@@ -68,6 +69,7 @@ class Coding:
             time_base=video.time_base,
             colours={name: getattr(context, name) for name in COLOURS},
             pixel_aspect=video.sample_aspect_ratio,
+            chroma=matroska.chroma_location(video),
             bits_per_s=containers.bits_per_s(file.container, video),
         )
 

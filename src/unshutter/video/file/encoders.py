@@ -14,6 +14,7 @@ from unshutter.errors import UnshutterError, UsageError, shortened
 from unshutter.frames.pyav import VIDEO_FORMATS, av
 from unshutter.options.clip_options import Encode
 from unshutter.reasons import JsonObject
+from unshutter.video.file import matroska
 from unshutter.video.file.clip_facts import ClipFacts, Coding
 from unshutter.video.file.pixels import LIMITED_RANGE
 
@@ -111,8 +112,9 @@ class Encoder:
         """Adds a stream with this encoder to a container, for frames of a clip's kind and of a size (height, width)."""
         coding = clip.coding
         rate = coding.rate
+        options = self.options | ({"chroma_sample_location": coding.chroma} if coding.chroma else {})
         try:
-            stream = cast("VideoStream", container.add_stream(self.name, rate=rate, options=dict(self.options)))
+            stream = cast("VideoStream", container.add_stream(self.name, rate=rate, options=options))
         except ValueError:
             raise UnshutterError(f"'{container.format.name}' files cannot contain {self.name}") from None
         context = stream.codec_context
@@ -277,6 +279,11 @@ def light_boxes(clip: ClipFacts, encoder: str) -> list[tuple[bytes, bytes]]:
         points = (round(50_000 * mastering[k]) for k in _POINTS)
         boxes.append((b"mdcv", struct.pack(">8H2I", *points, *(round(1e4 * mastering[k]) for k in (9, 8)))))
     return [*boxes, (b"clli", struct.pack(">2H", *(min(each, 0xFFFF) for each in levels)))] if levels else boxes
+
+
+def light_elements(clip: ClipFacts, encoder: str) -> bytes:
+    """Returns the same as elements of Matroska."""
+    return b"" if encoder in _STATE_LIGHT else matroska.light_elements(*_light(clip))
 
 
 def _x26x_display(v: list[float]) -> str:

@@ -98,13 +98,14 @@ class Replacement:
         """Returns the new ``stsd`` content, its first entry with what the film's said of it but not of its coding."""
         (kind, content), *more = inside(theirs[FULL + 4 :])
         known = {_kind_of(*each) for each in inside(content[VISUAL:])}
+        added = b""
         for name, extra in self.film.descriptions:
             is_carried = _part_of(name, self.film, self.dolby_vision).fate is Fate.CARRIED
             if name == b"clap" and self._window[2:] != _size(self.film):
-                content += _clap(self.film, self._window)
+                added += _clap(self.film, self._window)
             elif is_carried and _kind_of(name, extra) not in known:
-                content += box(name, extra)
-        return theirs[: FULL + 4] + box(kind, content) + b"".join(box(*each) for each in more)
+                added += box(name, extra)
+        return theirs[: FULL + 4] + box(kind, _extended(content, added)) + b"".join(box(*each) for each in more)
 
     def _header(self, name: bytes, content: bytes) -> bytes | None:
         """Returns what replaces a box of the track outside its media; None if nothing does."""
@@ -177,10 +178,16 @@ def with_descriptions(track: bytes, added: Sequence[tuple[bytes, bytes]]) -> byt
             return None
         (kind, entry), *more = inside(content[FULL + 4 :])
         known = {each for each, _ in inside(entry[VISUAL:])}
-        entry += b"".join(box(*each) for each in added if each[0] not in known)
+        entry = _extended(entry, b"".join(box(*each) for each in added if each[0] not in known))
         return box(name, content[: FULL + 4] + box(kind, entry) + b"".join(box(*each) for each in more))
 
     return rebuilt(track, described, *STBL) if added else track
+
+
+def _extended(entry: bytes, added: bytes) -> bytes:
+    """Returns a sample entry with further boxes, before the zeros that end the list in QuickTime."""
+    end = VISUAL + sum(8 + len(content) for _, content in inside(entry[VISUAL:]))
+    return entry[:end] + added + entry[end:]
 
 
 def words(name: bytes) -> str:

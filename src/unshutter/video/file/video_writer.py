@@ -389,6 +389,8 @@ def _frame(container: Any, clip: ClipFacts, encoder: Encoder) -> Callable[[], No
 
     def write() -> None:
         frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
+        for plane in frame.planes:  # encoders of 10 bits may not survive larger numbers
+            plane.update(bytes(plane.buffer_size))
         frame.pts = 0
         frame.time_base = stream.codec_context.time_base
         for packet in [*stream.encode(frame), *stream.encode(None)]:
