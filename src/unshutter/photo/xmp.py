@@ -390,149 +390,18 @@ def with_description(packet: bytes | None, attributes: bytes, content: bytes = b
     return re.sub(rb"(</\w+:RDF\s*>)", added.replace(b"\\", rb"\\") + rb"\1", packet, count=1)
 
 
-def has_gain_map(self) -> bool:
-    """Whether a gain map follows it."""
-    return any(name == GAIN_MAP for name, _ in self.auxiliaries)
-
-
-def updated(packet: bytes, picture: NextPicture) -> bytes | None:
-    """Adapts the packet to the next picture; everything else is kept byte for byte.
-
-    Returns None if the packet cannot be read and may describe pictures that no longer exist.
-    """
-    if not _FOLLOWS.search(packet):
-        return packet
-    read = _read(packet)
-    if read is None:
-        is_stale = b"<!DOCTYPE" in packet or (picture.is_new and b"Thumbnails" in packet) or b"photos/1.0/" in packet
-        return None if is_stale else packet
-    directory = None
-    for element in read.root.below():
-        _update(read, element, element.name, picture)
-        for name, attribute in element.attributes.items():
-            _update(read, attribute, name, picture)
-        if element.name == _DIRECTORY and directory is None:
-            directory = element
-    if directory is not None and (picture.video is not None or picture.auxiliaries):
-        _update_contents(read, directory, picture)
-    return read.changed()
-
-
-def _update(packet: Packet, thing: Element | Attribute, name: str, picture: NextPicture) -> None:
-    """Updates or removes one property, which is an element or an attribute."""
-    is_beside = name.partition(":")[0] in _BESIDE
-    if picture.extension is not None and name == "xmpNote:HasExtendedXMP":
-        packet.set_text(thing, picture.extension)
-    elif name in _WIDTHS:
-        packet.set_number(thing, picture.width)
-    elif name in _HEIGHTS:
-        packet.set_number(thing, picture.height)
-    elif name == "tiff:Orientation":
-        if picture.orientation is not None:
-            packet.set_number(thing, picture.orientation)
-    elif name == _OLD_VIDEO_LENGTH and picture.video is not None:
-        packet.set_number(thing, picture.video.to_end)
-    elif (
-        (is_beside and (picture.extension is None or name.startswith("GImage:")))
-        or (_OF_GAIN_MAP.match(name) and not picture.has_gain_map)
-        or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
-        or (picture.video is None and _VIDEO.match(name))
-        or (picture.video is None and not picture.auxiliaries and name == _DIRECTORY)
-    ):
-        packet.remove(thing)
-
-
-def _update_contents(packet: Packet, directory: Element, picture: NextPicture) -> None:
-    """Reduces the list of the file's contents to what follows the picture, and updates lengths and positions."""
-    video = picture.video
-    before_video = 0 if video is None else video.at  # bytes between the end of the last picture and the video
-    left = list(picture.auxiliaries)
-    for item in (element for element in directory.below() if element.name == "rdf:li"):
-        meaning = _text(packet, _property(item, _SEMANTIC)) or "Primary"
-        following = next((each for each in left if each[0] == _AUXILIARY.get(meaning)), None)
-        if meaning != "Primary" and not (meaning == "MotionPhoto" and video is not None) and following is None:
-            packet.remove(item)
-            continue
-        mime = _property(item, _MIME)
-        if mime is not None and packet.text(mime).startswith("image/"):
-            packet.set_text(mime, "image/jpeg")  # it may come from a HEIC
-        length = _property(item, _LENGTH)
-        if following is not None and length is not None:
-            packet.set_number(length, following[1])
-            left.remove(following)
-        elif video is not None and length is not None and packet.text(length) != str(video.length):
-            packet.set_number(length, video.to_end)  # Samsung's may extend to the end of the file
-        padding = _property(item, _PADDING)  # between the end of this item and the next one
-        if padding is not None:
-            is_before_video = not left and meaning != "MotionPhoto" and (following or not picture.auxiliaries)
-            packet.set_number(padding, before_video if is_before_video else 0)
-
-
-# ---- further pictures and videos ------------------------------------------------------------------------
-
-
-def video_bytes(packet: bytes | None) -> int | None:
-    """Returns the length of a motion photo's video, which ends with the file; None if there is none."""
-    if packet is None or (b"MotionPhoto" not in packet and b"MicroVideo" not in packet):
-        return None
-    read = _read(packet)
-    if read is None:
-        return None
-    length = None
-    for element in read.root.below():
-        if element.name == "rdf:li" and _text(read, _property(element, _SEMANTIC)) == "MotionPhoto":
-            return _integer(_text(read, _property(element, _LENGTH)))
-        if length is None:
-            length = _integer(_text_of(read, element, _OLD_VIDEO_LENGTH))
-    return length
-
-
-def names_by_length(packet: bytes | None) -> dict[int, list[str]]:
-    """Names the further pictures that the packet lists, by their length [bytes], in their order."""
-    read = _read(packet) if packet is not None and b"Semantic" in packet else None
-    if read is None:
-        return {}
-    names: dict[int, list[str]] = {}
-    for item in read.root.below():
-        meaning = _text(read, _property(item, _SEMANTIC)) if item.name == "rdf:li" else None
-        length = _integer(_text(read, _property(item, _LENGTH)))
-        if meaning not in (None, "Primary", "MotionPhoto") and length is not None:
-            names.setdefault(length, []).append(_AUXILIARY.get(meaning, PICTURES))
-    return names
-
-
-def values(packet: bytes, prefix: str) -> dict[str, list[str]]:
-    """Returns the texts of the properties whose names begin with a prefix, several of a list; none if damaged."""
-    read = _read(packet)
-    found: dict[str, list[str]] = {}
-    for element in read.root.below() if read is not None else ():
-        found.update((name, [each.value]) for name, each in element.attributes.items() if name.startswith(prefix))
-        if read is not None and element.name.startswith(prefix):
-            texts = [each for each in element.below() if not each.children]
-            found[element.name] = [read.text(each).strip() for each in texts]
-    return found
-
-
-def with_description(packet: bytes | None, attributes: bytes, content: bytes = b"") -> bytes:
-    """Adds properties to a packet, as attributes with their namespaces, and as elements."""
-    packet = packet or b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="%s"/></x:xmpmeta>' % _RDF
-    added = b'<rdf:Description xmlns:rdf="%s" rdf:about="" %s>%s</rdf:Description>' % (_RDF, attributes, content)
-    packet = re.sub(rb"<(\w+:RDF)\b([^>]*)/>", rb"<\1\2></\1>", packet, count=1)
-    return re.sub(rb"(</\w+:RDF\s*>)", added.replace(b"\\", rb"\\") + rb"\1", packet, count=1)
-
-
-def lost(packet: bytes, has_video: bool, told: Collection[str]) -> Iterator[Found]:
+def lost(packet: bytes, has_video: bool, known: Collection[str]) -> Iterator[Found]:
     """Yields the additional pictures and videos that the packet describes but the next file lacks.
 
     Args:
-        told: names of those that are listed already.
+        known: names of those that are listed already.
     """
-    if GAIN_MAP not in told and has_gain_map(packet):
+    if GAIN_MAP not in known and has_gain_map(packet):
         yield further_picture(GAIN_MAP)
     read = _read(packet) if _FOLLOWS.search(packet) else None
     names = {name for element in read.root.below() for name in (element.name, *element.attributes)} if read else ()
     beside = {_BESIDE[prefix] for name in names if (prefix := name.partition(":")[0]) in _BESIDE}
-    yield from map(further_picture, sorted(beside.difference(told)))
+    yield from map(further_picture, sorted(beside.difference(known)))
     if not has_video and video_bytes(packet) is not None:
         yield Found("film")
 
