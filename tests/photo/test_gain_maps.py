@@ -427,6 +427,20 @@ def test_maps_that_readers_ignore_are_left_out_by_their_name(options: dict[str, 
     assert photo.hdr_formats == () and photo.encode("jpeg").left_out == photo.encode().left_out == SDR
 
 
+@pytest.mark.parametrize("format", ["avif", "heic"])
+def test_a_map_that_is_applied_in_other_colours_is_kept_in_avif_only(format: str, tmp_path: Path) -> None:
+    metadata = ISO_OF_MAP[:4] + b"\x80" + ISO_OF_MAP[5:]
+    path = tmp_path / f"a.{format}"
+    path.write_bytes(of_iso(format, metadata=metadata, primaries=9))
+    photo = Photo.open(path)
+    assert photo.hdr_formats == ("avif",) and photo.usual_format == "avif" and usual_format(path) is None
+    file = photo.encode()
+    assert file.left_out == () and file.data.count(b"colrnclx\0\x09\0\x10") == 1
+    assert photo.encode("jpeg").left_out == SDR
+    path.write_bytes(of_iso(format, metadata=metadata))
+    assert Photo.open(path).hdr_formats == ("jpeg", "avif")
+
+
 def test_a_map_that_makes_a_picture_in_pq_sdr_is_kept_in_avif() -> None:
     photo = Photo.from_bytes(with_code_points(of_iso("avif"), 9, 16))
     result = rectify(photo, motion=MOTION, edges="crop")

@@ -92,7 +92,9 @@ def heic_with_gain_map(pixels: np.ndarray, orientation: int = 1) -> bytes:
     return heic(pixels, orientation).replace(b"urn:mpeg:hevc:2015:auxid:1", b"urn:com:a:2020::hdrgainmap")
 
 
-def with_tone_map(base: bytes, gain_map: bytes, metadata: bytes = ISO_OF_MAP, brand: bytes = b"tmap") -> bytes:
+def with_tone_map(
+    base: bytes, gain_map: bytes, metadata: bytes = ISO_OF_MAP, brand: bytes = b"tmap", primaries: int = 1
+) -> bytes:
     """An AVIF or HEIC with a gain map by ISO 21496-1, made of two of one picture each; it is no auxiliary picture."""
     kind = b"hvc1" if b"hvc1" in base else b"av01"
     properties, numbers, coded = [], [], []
@@ -104,7 +106,7 @@ def with_tone_map(base: bytes, gain_map: bytes, metadata: bytes = ISO_OF_MAP, br
         place = boxes.extent(io.BytesIO(data), kind)
         coded.append(data[place.at : place.at + place.length])
     size = 1 + [name for name, _ in properties].index(b"ispe")
-    properties.append((b"colr", b"nclx" + struct.pack(">HHHB", 1, 16, 6, 0x80)))
+    properties.append((b"colr", b"nclx" + struct.pack(">HHHB", primaries, 16, 6, 0x80)))
     numbers.insert(1, bytes([size, len(properties)]))
     coded.insert(1, b"\0" + metadata)
     infe = [(0, 1, kind), (0, 2, b"tmap"), (1, 3, kind)]  # the map is hidden

@@ -106,6 +106,7 @@ class Auxiliaries:
     extension: bytes | None = None  # extended XMP about a depth map, of the photo
     # properties (name, content) of the picture that the gain map makes, as boxes state them
     alternate: tuple[tuple[bytes, bytes], ...] = ()
+    alternate_has_other_colours: bool = False  # whether that picture is computed in other primaries than the photo's
 
     @property
     def gain_map(self) -> AuxiliaryPicture | None:

@@ -199,6 +199,7 @@ _MOST_ITEMS = 10_000
 _LONGEST_ITEM = 60_000  # bytes of metadata about an auxiliary picture, which must fit a segment of a JPEG
 _XMP = b"application/rdf+xml"
 _SUPPORTED = bytes(3)  # versions of the item tmap that readers of this version understand
+_BASE_COLOURS = 0x40  # flag of a gain map that is applied in the primary picture's primaries
 _ISO_KIND = "urn:iso:std:iso:ts:21496"
 _OTHER_ITEMS = {b"tmap": GAIN_MAP, b"iptc": "IPTC", b"rgan": "regions", b"uri ": OTHER, b"mime": OTHER}
 _VIDEOS = (b"moov", b"mpvd")
@@ -268,6 +269,7 @@ class AuxiliaryItem(NamedTuple):
     xmp: bytes | None  # XMP about it
     iso: bytes | None  # what a gain map means, as ISO 21496-1 says it (content of the item tmap)
     alternate: tuple[tuple[bytes, bytes], ...]  # properties (name, content) of the picture that a gain map makes
+    has_other_colours: bool  # whether that picture is computed in other primaries than the primary one has
 
 
 def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
@@ -290,6 +292,7 @@ def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
             if kind == b"dimg" and kinds.get(item) == b"tmap" and len(to) == 2 and to[0] == primary
         }
         listed = [item for kind, item, to in references if kind == b"auxl" and primary in to]
+        colours = _nclx(_properties(file))
         found = []
         for number in dict.fromkeys([*listed, *(tones if makes_another else ())]):
             own, alternate = (
@@ -304,11 +307,20 @@ def auxiliary_items(file: BinaryIO) -> list[AuxiliaryItem]:
             if iso is not None and not iso.startswith(_SUPPORTED):
                 iso = None
             if kind or iso is not None:
-                item = AuxiliaryItem(number, kind or _ISO_KIND, _orientation(dict(own)), xmp, iso, tuple(alternate))
-                found.append(item)
+                stated = _nclx(alternate)
+                others = (
+                    iso is not None and not iso[5] & _BASE_COLOURS and bool(stated and colours) and stated != colours
+                )
+                kind = kind or _ISO_KIND
+                found.append(AuxiliaryItem(number, kind, _orientation(dict(own)), xmp, iso, tuple(alternate), others))
     except (KeyError, IndexError, struct.error):
         return []
     return found
+
+
+def _nclx(properties: list[tuple[bytes, bytes]]) -> list[bytes]:
+    """Returns the primaries that a picture's properties state as code points."""
+    return [data[4:6] for name, data in properties if name == b"colr" and data[:4] == b"nclx"]
 
 
 def with_primary(data: bytes, item: int) -> bytes:
@@ -334,9 +346,9 @@ def with_primary(data: bytes, item: int) -> bytes:
 
 
 def has_gain_map(file: BinaryIO) -> bool:
-    """Whether the primary picture has a gain map that makes it HDR."""
+    """Whether the primary picture has a gain map that makes it HDR, and that a JPEG can hold."""
     return not read_coding(file).is_hdr and any(
-        purpose(each.kind.encode()) == GAIN_MAP for each in auxiliary_items(file)
+        purpose(each.kind.encode()) == GAIN_MAP and not each.has_other_colours for each in auxiliary_items(file)
     )
 
 

@@ -265,13 +265,20 @@ def _with_auxiliaries(metadata: Metadata, source: Source, format: Format, size: 
     names = {each.name for each in pictures}
     found = (part._replace(held="auxiliaries") if part.name in names else part for part in metadata.found)
     segments = tuple(ISO_PREFIX + ISO_IN_JPEG + item.iso[1:5] for _, item in items if item.iso is not None)
-    alternate = next((item.alternate for name, item in items if name == GAIN_MAP), ())
+    gain_map = next((item for name, item in items if name == GAIN_MAP), None)
+    alternate = () if gain_map is None else gain_map.alternate
     packet = metadata.xmp
     if any(b"hdrgm:" in (item.xmp or b"") for _, item in items) and b"Container:Directory" not in (packet or b""):
         attributes, content = _LISTED
         version_told = b"hdrgm:Version" in (packet or b"")
         packet = xmp.with_description(packet, attributes + (b"" if version_told else _VERSION), content)
-    auxiliaries = Auxiliaries(pictures, segments[:1], ">", alternate=alternate)
+    auxiliaries = Auxiliaries(
+        pictures,
+        segments[:1],
+        ">",
+        alternate=alternate,
+        alternate_has_other_colours=gain_map is not None and gain_map.has_other_colours,
+    )
     return replace(metadata, xmp=packet, found=tuple(found), auxiliaries=auxiliaries)
 
 

@@ -123,6 +123,13 @@ class Jpeg(WrittenFormat):
                 raise
             return picture_format.decode_pixels(self, source, shrink=shrink)
 
+    def held_auxiliaries(self, auxiliaries: Auxiliaries) -> Auxiliaries | None:
+        """See WrittenFormat. Not gain maps that are applied in other colours, which only a profile could state."""
+        if not auxiliaries.alternate_has_other_colours:
+            return auxiliaries
+        left = tuple(each for each in auxiliaries.pictures if each.name != GAIN_MAP)
+        return replace(auxiliaries, pictures=left, segments=()) if left else None
+
     def exif_blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """See Format."""
         for _, content in before_the_scan(file, (APP1,)):
