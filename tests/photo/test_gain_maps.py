@@ -401,6 +401,7 @@ def test_a_jpegs_map_is_kept_in_avif_with_what_its_xmp_says() -> None:
     file = result.encode("avif")
     assert file.left_out == () and file.data.count(b"\0" + ISO_OF_MAP) == 1
     assert in_stops(light_of(file.data), warped_light(data, MOTION, "crop")).mean() < 0.04
+    assert file.data.count(b"colrnclx\0\1\0\x10") == 1  # the HDR picture is in PQ
     assert b"hdrgm:Version" not in file.data and b"Container:Directory" not in file.data
     photo = Photo.from_bytes(file.data)
     assert photo.to_bytes("jpeg").count(ISO + ISO_OF_MAP) == 1

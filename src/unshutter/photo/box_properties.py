@@ -11,14 +11,14 @@ import struct
 from typing import BinaryIO
 
 from unshutter.photo import boxes, chunks
-from unshutter.photo.code_points import CodePoints
+from unshutter.photo.code_points import HDR_TRANSFERS, CodePoints
 
 _MATRIX = 6  # coefficients by which libheif codes colours: BT.601
 _AS_CODED = 1 << 24 | 1 << 16 | 13 << 8 | _MATRIX  # that they are stated, and how libheif states them: as sRGB
 _AS_CODED_BITS = 25
 _NCLX = b"nclx"
 _NO_COLOURS = _NCLX + struct.pack(">HHHB", 2, 2, _MATRIX, 0x80)  # of a gain map: its values are not colours
-_PQ_OF_SRGB = _NCLX + struct.pack(">HHHB", 1, 16, _MATRIX, 0x80)
+_SRGB = _NCLX + struct.pack(">HHHB", 1, 13, _MATRIX, 0x80)
 _MOST_HEADER = 64  # bytes of coded data in which its header is looked for
 _TRANSFORMATIONS = (b"irot", b"imir")
 _ESSENTIAL = 0x80  # flag of a property that readers must understand
@@ -40,14 +40,16 @@ def state_colours(file: BinaryIO, code_points: CodePoints) -> None:
     meta.write(file)
 
 
-def add_gain_map(file: BinaryIO, coded: bytes, metadata: bytes, alternate: tuple[tuple[bytes, bytes], ...]) -> None:
-    """Adds a gain map to an AVIF.
+def add_gain_map(file: BinaryIO, coded: bytes, metadata: bytes, alternate: tuple[tuple[bytes, bytes], ...]) -> bool:
+    """Adds a gain map to an AVIF; returns False if other versions of libheif wrote its tables in another form.
 
     Args:
         coded: the map as an AVIF, also from libvips.
         metadata: GainMapMetadata of ISO 21496-1.
         alternate: properties of the picture that the map makes; by default, colours are those of the primary picture.
     """
+    if not _Meta(file).is_usual:
+        return False
     brands_end = next(end for name, _, end in boxes.top_level_extents(file) if name == b"ftyp")
     chunks.insert(file, brands_end, b"tmap")
     file.seek(0)
@@ -62,11 +64,9 @@ def add_gain_map(file: BinaryIO, coded: bytes, metadata: bytes, alternate: tuple
     meta.state(gain_map, b"colr", _NO_COLOURS)
     primary = meta.of(meta.primary)
     stated = [each for each in alternate if each[0] not in (b"ispe", *_TRANSFORMATIONS)]
-    colours = [content for name, content, _ in primary if name == b"colr"]
     if not any(name == b"colr" for name, _ in stated):
-        stated += [(b"colr", content) for content in colours if not content.startswith(_NCLX)] or [
-            (b"colr", _PQ_OF_SRGB)
-        ]
+        colours = [content for name, content, _ in primary if name == b"colr"]
+        stated += [(b"colr", _other_range(each)) for each in colours or [_SRGB]]
     if not any(name == b"pixi" for name, _ in stated):
         stated += [(name, content) for name, content, _ in properties if name == b"pixi"]
     for name, content, flag in primary:
@@ -87,6 +87,7 @@ def add_gain_map(file: BinaryIO, coded: bytes, metadata: bytes, alternate: tuple
     group = struct.pack(">IIIII", 0, tone + 1, 2, tone, meta.primary)
     meta.boxes[b"grpl"] = _box(b"altr", group)
     meta.write(file, moved=4)
+    return True
 
 
 class _Meta:
@@ -106,6 +107,13 @@ class _Meta:
             item, count = struct.unpack_from(">HB", table, at)
             self.listed[item] = table[at + 3 : at + 3 + count]
             at += 3 + count
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether its tables have the form that is written here: version 0, 32 bits, short numbers of properties."""
+        (flags,) = struct.unpack_from(">I", dict(boxes.inside(self.boxes[b"iprp"]))[b"ipma"])
+        versions = {flags, self.boxes[b"pitm"][0], self.boxes[b"iinf"][0], self.boxes.get(b"iref", b"\0")[0]}
+        return versions == {0} and self.boxes[b"iloc"].startswith(b"\0\0\0\0\x44\x40")
 
     def of(self, item: int) -> list[tuple[bytes, bytes, int]]:
         """Returns name, content and flag of an item's properties."""
@@ -160,6 +168,14 @@ def _moved(iloc: bytes, by: int) -> bytes:
         struct.pack_into(">I", table, at + 4, base + by)
         at += 10 + 8 * pieces
     return bytes(table)
+
+
+def _other_range(colours: bytes) -> bytes:
+    """Returns the same primaries in HDR if the colours are SDR, or in SDR; profiles say nothing of that."""
+    if not colours.startswith(_NCLX):
+        return colours
+    primaries, transfer = struct.unpack_from(">HH", colours, 4)
+    return _NCLX + struct.pack(">HHHB", primaries, 13 if transfer in HDR_TRANSFERS else 16, _MATRIX, 0x80)
 
 
 def _data(coded: bytes) -> bytes:

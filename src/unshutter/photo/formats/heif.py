@@ -142,7 +142,8 @@ class Avif(WrittenFormat):
                 coded = as_image(auxiliaries.gain_map.pixels).heifsave_buffer(
                     compression="av1", Q=QUALITY, effort=0, bitdepth=8, subsample_mode="off", keep=0
                 )
-            add_gain_map(file, coded, auxiliaries.iso_metadata, auxiliaries.alternate)
+            if not add_gain_map(file, coded, auxiliaries.iso_metadata, auxiliaries.alternate):
+                left_out.append(GAIN_MAP)
         return left_out
 
     def held_auxiliaries(self, auxiliaries: Auxiliaries) -> Auxiliaries | None:
