@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from unshutter.motion.finding import Candidate, Finding
     from unshutter.orientation import ScanDirection
     from unshutter.photo import Photo
-    from unshutter.poses.camera_poses import CameraPoses, PicturePoses
+    from unshutter.poses.camera_poses import CameraPoses
+    from unshutter.poses.picture_poses import PicturePoses
     from unshutter.poses.row_poses import camera_poses
     from unshutter.rectification.rectified import Rectified
     from unshutter.rectification.sequences import RectifiedFrame, rectify_frames
@@ -84,7 +85,8 @@ _HOMES = {
     "rectification.rectified": ("Rectified",),
     "orientation": ("ScanDirection",),
     "photo": ("Photo",),
-    "poses.camera_poses": ("CameraPoses", "PicturePoses"),
+    "poses.camera_poses": ("CameraPoses",),
+    "poses.picture_poses": ("PicturePoses",),
     "poses.row_poses": ("camera_poses",),
     "single": ("Method",),
     "single.drawn_lines": ("DrawnLine",),

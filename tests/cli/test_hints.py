@@ -199,6 +199,7 @@ NOT_FOLLOWED = {
     "page/": "for programs that send requests: tests/page",
     # files and programs that are not here
     "holds no COLMAP model": "a model: tests/poses/test_pose_files.py",
+    "is missing: name the folder of the pictures": "a model: tests/poses/test_ncore.py",
     "has no number in": "a model: tests/poses/test_row_poses.py",
     "motion files of pictures do not say when": "a model: tests/poses/test_row_poses.py",
     "is an input of this run: choose another folder": "a folder of results that a link leads to: tests/storage",

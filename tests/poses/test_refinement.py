@@ -166,10 +166,11 @@ def test_binary_points_are_read(tmp_path: Path) -> None:
     assert picture.seen.tolist() == [[1, 2], [1, 2]] and picture.numbers.tolist() == [3, 3]
     data = struct.pack("<Q", 2)
     for number, length in ((9, 2), (3, 0)):
-        data += struct.pack("<Q3d3BdQ", number, number, 1, 2, 7, 7, 7, 0.5, length) + bytes(8 * length)
+        data += struct.pack("<Q3d3BdQ", number, number, 1, 2, 7, 8, 9, 0.5, length) + bytes(8 * length)
     (model / "points3D.bin").write_bytes(data)
-    numbers, places = read_points(model)
-    assert numbers.tolist() == [3, 9] and places.tolist() == [[3, 1, 2], [9, 1, 2]]
+    points = read_points(model)
+    assert points.numbers.tolist() == [3, 9] and points.places.tolist() == [[3, 1, 2], [9, 1, 2]]
+    assert points.colours.tolist() == [[7, 8, 9], [7, 8, 9]]
     (model / "points3D.bin").write_bytes(data[:-20])
     with pytest.raises(UnshutterError, match=r"points3D\.bin is not a COLMAP file, or damaged"):
         read_points(model)

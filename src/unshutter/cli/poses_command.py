@@ -7,6 +7,7 @@ from pathlib import Path
 
 from unshutter.cli.arguments import Command
 from unshutter.options import option
+from unshutter.poses.camera_poses import PoseFormat
 from unshutter.poses.row_poses import PoseOptions
 from unshutter.progress import tell
 from unshutter.storage.locations import RunFiles
@@ -25,13 +26,19 @@ class Arguments:
     )
     output: Path = option(
         MISSING,
-        "Folder to write gsplat.npz, transforms.json and poses.csv into.",
+        "Folder to write the poses into.",
         short="-o",
         metavar="FOLDER",
         names="results",
     )
+    format: PoseFormat = option(
+        "files",
+        "files: gsplat.npz, transforms.json and poses.csv; ncore: a sequence of NVIDIA's NCore v4. Default: files.",
+    )
     images: str = option(
-        "images", "Folder of the pictures, as transforms.json names it. Default: images.", names="word"
+        "images",
+        "Folder of the pictures, as transforms.json names it; an NCore sequence holds the pictures. Default: images.",
+        names="word",
     )
     overwrite: bool = option(False, "Replace existing outputs.")
     options: PoseOptions = field(default_factory=PoseOptions)
@@ -39,21 +46,21 @@ class Arguments:
 
 def run(arguments: Arguments) -> int:
     """Finds and writes the poses, and reports them; returns the exit code."""
-    from unshutter.poses.camera_poses import NAMES, write_poses
+    from unshutter.poses import camera_poses, ncore
     from unshutter.poses.row_poses import find_poses
 
     files = RunFiles(arguments, reads=arguments.colmap.glob("*"), folders=[arguments.output])
-    for name in NAMES:
+    for name in ncore.NAMES if arguments.format == "ncore" else camera_poses.NAMES:
         files.writes(name, arguments.output / name)
         files.check(arguments.output / name)
     poses = find_poses(arguments.colmap, arguments.motions, arguments.options)
-    write_poses(poses, arguments.output, arguments.images, arguments.overwrite)
-    tell(f"{arguments.colmap} -> {arguments.output}: {poses.described()}")
+    camera_poses.save_poses(poses, arguments.format, arguments.output, arguments.images, arguments.overwrite)
+    tell(f"{arguments.colmap} -> {arguments.output}: {poses.described(arguments.format)}")
     return 0
 
 
 COMMAND = Command(
-    """Write the camera's pose at each row of the pictures of a COLMAP model, for gsplat and nerfstudio.
+    """Write the camera's pose at each row of the pictures of a COLMAP model, for gsplat, nerfstudio and NCore.
 
 Each row of a rolling-shutter picture has a pose of its own. COLMAP finds one for a picture; the motion within it, the
 positions of its neighbours and the rows on which it shows the model's points give the others.""",

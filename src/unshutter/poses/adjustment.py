@@ -302,7 +302,7 @@ class _System:
                 reduced[k, :, k + other, :] -= block
                 if other:
                     reduced[k + other, :, k, :] -= block.T
-        matrix = reduced.reshape(count * _UNKNOWNS, -1)
+        matrix = reduced.reshape(count * _UNKNOWNS, count * _UNKNOWNS)
         diagonal = np.arange(len(matrix))
         matrix[diagonal, diagonal] *= 1 + 1e-9  # place, scale and direction of the whole are free
         step = np.zeros_like(self.picture_side)
@@ -317,7 +317,7 @@ def _damped(blocks: np.ndarray, damping: float) -> np.ndarray:
     diagonal = np.arange(blocks.shape[1])
     damped = blocks.copy()
     damped[:, diagonal, diagonal] += damping * blocks[:, diagonal, diagonal]
-    damped[:, diagonal, diagonal] += 1e-9 * np.max(np.abs(blocks))  # what nothing shows does not move
+    damped[:, diagonal, diagonal] += 1e-9 * np.max(np.abs(blocks), initial=0.0)  # what nothing shows does not move
     return damped
 
 

@@ -8,50 +8,29 @@ import json
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 
+from unshutter.errors import UsageError, shortened
 from unshutter.export import write_npz
-from unshutter.motion.shapes import Float64
-from unshutter.orientation import ScanDirection
-from unshutter.poses.colmap import FISHEYES, LITTLE_BENT, ColmapCamera, ColmapPicture
+from unshutter.motion.shapes import Float64, UInt8
+from unshutter.options.fields import errors_in_python
+from unshutter.poses.colmap import FISHEYES, LITTLE_BENT, ColmapCamera
+from unshutter.poses.ncore import write_ncore
+from unshutter.poses.picture_poses import PicturePoses
 from unshutter.storage.files import check_target, make_folder, remove_leftovers, written_whole
 
 GSPLAT = "gsplat.npz"
 NERFSTUDIO = "transforms.json"
 TABLE = "poses.csv"
 NAMES = (GSPLAT, NERFSTUDIO, TABLE)
+PoseFormat = Literal["files", "ncore"]
 _COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
 # COLMAP's model -> gsplat's, and nerfstudio's
 _GSPLAT = {**dict.fromkeys(LITTLE_BENT, "pinhole"), **dict.fromkeys(FISHEYES, "fisheye")}
 _NERFSTUDIO = {**dict.fromkeys(LITTLE_BENT, "OPENCV"), **dict.fromkeys(FISHEYES, "OPENCV_FISHEYE")}
 del _NERFSTUDIO["FULL_OPENCV"]
-
-
-@dataclass(frozen=True, eq=False)
-class PicturePoses:
-    """The camera's poses while a picture was read.
-
-    Attributes:
-        picture: the picture in the model, with the pose that COLMAP found.
-        scan_direction: direction in which its stored pixels were read.
-        lines: [N] the rows for which there are poses, from the first to the last that was read, evenly spaced, in
-            stored pixels from 0; columns if the picture was read sideways.
-        times_s: [N] when each was read, on the video's clock [s].
-        world_to_camera: [N, 4, 4] pose of each.
-        moved: whether neighbours showed how the camera moved; otherwise its position is the same for all rows.
-    """
-
-    picture: ColmapPicture
-    scan_direction: ScanDirection
-    lines: Float64[np.ndarray, "rows"]
-    times_s: Float64[np.ndarray, "rows"]
-    world_to_camera: Float64[np.ndarray, "rows 4 4"]
-    moved: bool
-
-    def at(self, share: float) -> Float64[np.ndarray, "4 4"]:
-        """Returns the pose at a share of the readout: 0 the first row, 0.5 the middle, 1 the last."""
-        return self.world_to_camera[round(share * (len(self.lines) - 1))]
 
 
 @dataclass(frozen=True)
@@ -62,16 +41,20 @@ class CameraPoses:
         pictures: in the order of the model's names.
         left_out: why pictures were left out -> their number.
         readout_s: readout time of a picture [s].
-        matched: for each camera whose pictures are not numbered as the clip's frames, which frames they show; and
-            whether frames repeat others.
+        matched: for each camera whose pictures are not numbered as the clip's frames, which frames they show;
+            whether frames repeat others, and how the poses were refined.
+        points: [M, 3] the model's points, where the refined poses see them.
+        colours: [M, 3] their colours (sRGB).
     """
 
     pictures: list[PicturePoses]
     left_out: Counter[str] = field(default_factory=Counter)
     readout_s: float = 0.0
     matched: list[str] = field(default_factory=list)
+    points: Float64[np.ndarray, "points 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    colours: UInt8[np.ndarray, "points 3"] = field(default_factory=lambda: np.empty((0, 3), np.uint8))
 
-    def described(self) -> str:
+    def described(self, format: PoseFormat = "files") -> str:
         """One line: ``24 pictures read in 20.1 ms; 2 left out (no motion file)``."""
         count = len(self.pictures)
         text = f"{count} {'picture' if count == 1 else 'pictures'} read in {1000 * self.readout_s:.1f} ms"
@@ -80,7 +63,7 @@ class CameraPoses:
         if self.left_out:
             reasons = ", ".join(f"{number} {reason}" for reason, number in self.left_out.most_common())
             text += f"; {self.left_out.total()} left out ({reasons})"
-        return "; ".join([text, *self.matched, *self.not_written])
+        return "; ".join([text, *self.matched, *(self.not_written if format == "files" else [])])
 
     @property
     def not_written(self) -> list[str]:
@@ -95,12 +78,38 @@ class CameraPoses:
             left.append(f"{NERFSTUDIO} is not written: nerfstudio takes one camera model for all pictures")
         return left
 
-    def save(self, folder: str | Path, *, images: str = "images", overwrite: bool = False) -> None:
-        """Writes ``gsplat.npz``, ``transforms.json`` and ``poses.csv`` into a folder (docs/guide/photogrammetry.md)."""
-        write_poses(self, Path(folder), images, overwrite)
+    @errors_in_python()
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        format: PoseFormat = "files",
+        images: str = "images",
+        overwrite: bool = False,
+    ) -> None:
+        """Writes the poses into a folder, as ``unshutter poses`` does (docs/guide/photogrammetry.md).
+
+        Args:
+            format: files (``gsplat.npz``, ``transforms.json`` and ``poses.csv``), or ncore.
+            images: folder of the pictures, as ``transforms.json`` names it; an NCore sequence holds the pictures in it.
+
+        Raises:
+            UnshutterError: a file exists, or cannot be written; UsageError: unknown format.
+        """
+        if format not in get_args(PoseFormat):
+            raise UsageError(f"format must be one of {', '.join(get_args(PoseFormat))}, got {shortened(str(format))}")
+        save_poses(self, format, Path(folder), images, overwrite)
 
 
 # ---- files ----------------------------------------------------------------------------------------------------
+
+
+def save_poses(poses: CameraPoses, format: PoseFormat, folder: Path, images: str, overwrite: bool) -> None:
+    """Does what :meth:`CameraPoses.save` does; errors name options."""
+    if format == "ncore":
+        write_ncore(poses.pictures, poses.points, poses.colours, folder, Path(images), overwrite)
+    else:
+        write_poses(poses, folder, images, overwrite)
 
 
 def write_poses(poses: CameraPoses, folder: Path, images: str, overwrite: bool) -> None:
@@ -148,7 +157,7 @@ def _arrays(poses: CameraPoses) -> dict[str, np.ndarray]:
 
 def _coefficients(cameras: list[ColmapCamera], names: tuple[str, ...]) -> np.ndarray:
     """Returns coefficients of the lenses [N, names], 0 where a model has none."""
-    return np.array([[camera.parameters.get(name, 0.0) for name in names] for camera in cameras], np.float32)
+    return np.stack([camera.coefficients(*names) for camera in cameras]).astype(np.float32)
 
 
 def _transforms(poses: CameraPoses, images: str) -> dict[str, object]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.motion_file import MOST_SIDE
-from unshutter.motion.shapes import Float64
+from unshutter.motion.shapes import Float64, UInt8
 from unshutter.storage.files import check_plain
 
 T = TypeVar("T")
@@ -42,6 +42,7 @@ MODELS = {
 # those that bend straight lines a little, and fisheyes, by polynomials as OpenCV's
 LITTLE_BENT = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE")
+RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 _INVERSION_STEPS = 50
 _SETTLED = 1e-7  # last step of the inversion, in focal lengths
 _LARGEST = 1 << 33  # bytes of a file
@@ -69,16 +70,20 @@ class ColmapCamera:
         fx, fy = self.focal_px
         return np.array([[fx, 0, self.parameters["cx"]], [0, fy, self.parameters["cy"]], [0, 0, 1]])
 
+    def coefficients(self, *names: str) -> Float64[np.ndarray, "names"]:
+        """Returns coefficients of the lens, 0 where its model has none."""
+        return np.array([self.parameters.get(name, 0.0) for name in names])
+
     def directions(self, positions: Float64[np.ndarray, "at 2"]) -> Float64[np.ndarray, "at 3"]:
         """Returns the unit vectors that positions [px] show; NaN where there is none, and for other models."""
         known = self.parameters
         bent = (positions - [known["cx"], known["cy"]]) / self.focal_px
         if self.model in FISHEYES:
-            return _fisheye_directions(bent, [known.get(f"k{k}", 0.0) for k in range(1, 5)])
+            return _fisheye_directions(bent, self.coefficients(*RADIAL[:4]))
         if self.model not in LITTLE_BENT:
             return np.full((len(positions), 3), np.nan)
-        k = [known.get(f"k{k}", 0.0) for k in range(1, 7)]
-        p1, p2 = known.get("p1", 0.0), known.get("p2", 0.0)
+        k = self.coefficients(*RADIAL)
+        p1, p2 = self.coefficients("p1", "p2")
         straight = bent.copy()
         for _ in range(_INVERSION_STEPS):
             x, y = straight.T
@@ -94,7 +99,7 @@ class ColmapCamera:
         return directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
-def _fisheye_directions(bent: np.ndarray, k: list[float]) -> np.ndarray:
+def _fisheye_directions(bent: np.ndarray, k: np.ndarray) -> np.ndarray:
     """Returns unit vectors [N, 3] from positions [N, 2] in focal lengths from the centre."""
     radius = np.linalg.norm(bent, axis=1)
     angle = radius.copy()
@@ -120,6 +125,15 @@ class ColmapPicture:
     # [N, 2] (x, y) of the points that it shows [px], and [N] their numbers in the model
     seen: Float64[np.ndarray, "points 2"] = field(default_factory=lambda: np.empty((0, 2)))
     numbers: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint64))
+
+
+@dataclass(frozen=True, eq=False)
+class ColmapPoints:
+    """The points of a model, in the order of their numbers."""
+
+    numbers: np.ndarray  # [M] uint64
+    places: Float64[np.ndarray, "points 3"]
+    colours: UInt8[np.ndarray, "points 3"]
 
 
 def read_model(folder: Path) -> list[ColmapPicture]:
@@ -154,8 +168,8 @@ def read_model(folder: Path) -> list[ColmapPicture]:
     return sorted(pictures, key=lambda picture: picture.name)
 
 
-def read_points(folder: Path) -> tuple[np.ndarray, Float64[np.ndarray, "points 3"]]:
-    """Returns the numbers of a model's points, increasing, and where they are; no points if it has no such file.
+def read_points(folder: Path) -> ColmapPoints:
+    """Returns the points of a model; none if it has no file of them.
 
     Raises:
         UnshutterError: the file is damaged.
@@ -163,13 +177,14 @@ def read_points(folder: Path) -> tuple[np.ndarray, Float64[np.ndarray, "points 3
     ending = ".bin" if _holds(folder, ".bin") else ".txt"
     file = folder / f"points3D{ending}"
     if not file.exists():
-        return np.empty(0, np.uint64), np.empty((0, 3))
+        return ColmapPoints(np.empty(0, np.uint64), np.empty((0, 3)), np.empty((0, 3), np.uint8))
     points = _read(file, _points_from_bytes if ending == ".bin" else _points_from_text)
     numbers = np.array(list(points), np.uint64)
-    places = np.array(list(points.values())).reshape(-1, 3)
+    values = np.array(list(points.values()), np.float64).reshape(-1, 6)
     order = np.argsort(numbers)
-    order = order[np.isfinite(places[order]).all(axis=1)]
-    return numbers[order], places[order]
+    order = order[np.isfinite(values[order]).all(axis=1)]
+    colours = np.clip(values[order, 3:], 0, 255).astype(np.uint8)
+    return ColmapPoints(numbers[order], values[order, :3], colours)
 
 
 def _holds(folder: Path, ending: str) -> bool:
@@ -275,9 +290,8 @@ def _points_from_bytes(data: bytes) -> dict[int, tuple[float, ...]]:
     (count,) = struct.unpack_from("<Q", data)
     at = 8
     for _ in range(count):
-        number, *place = struct.unpack_from("<Q3d", data, at)
-        (pictures,) = struct.unpack_from("<Q", data, at + 43)
-        points[number] = tuple(place)
+        number, *values, _, pictures = struct.unpack_from("<Q3d3BdQ", data, at)
+        points[number] = tuple(values)
         at += 51 + 8 * pictures
     return points
 
@@ -313,8 +327,9 @@ def _points_from_text(data: bytes) -> dict[int, tuple[float, ...]]:
     points: dict[int, tuple[float, ...]] = {}
     for line in _lines(data):
         if line and not line.startswith("#"):
-            number, x, y, z, *_ = line.split(maxsplit=4)
-            points[int(number)] = float(x), float(y), float(z)
+            number, *values = line.split(maxsplit=7)[:7]
+            x, y, z, red, green, blue = map(float, values)
+            points[int(number)] = x, y, z, red, green, blue
     return points
 
 

@@ -17,7 +17,7 @@ from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.motion.shapes import Float64
 from unshutter.orientation import ScanDirection
 from unshutter.poses.adjustment import Neighbours, Observations, Paths, adjusted, errors_px, minimised
-from unshutter.poses.colmap import FISHEYES, LITTLE_BENT, ColmapPicture
+from unshutter.poses.colmap import FISHEYES, LITTLE_BENT, ColmapPicture, ColmapPoints
 
 NODES = 33  # lines of a picture between which the bend of the camera's path is interpolated
 _FEWEST = 30  # observations of a picture that is refined
@@ -56,54 +56,60 @@ class Refinement:
 
     Attributes:
         paths: of all pictures, in the model's axes and scale.
-        is_refined: [P] whether each picture's was taken; others keep the path that they had.
+        points: [M, 3] where the model's points then are.
+        is_refined: [P] whether each picture's path was taken; others keep the one that they had.
         note: what was done, or why nothing was, in a few words.
     """
 
     paths: Paths
+    points: Float64[np.ndarray, "points 3"]
     is_refined: np.ndarray
     note: str
 
 
-def refined(rows: list[RowPath], numbers: np.ndarray, points: Float64[np.ndarray, "points 3"]) -> Refinement:
-    """Refines the paths of pictures; those that show few points, or contradict them, keep theirs.
-
-    Args:
-        numbers: of the points [M], increasing.
-    """
+def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
+    """Refines the paths of pictures; those that show few points, or contradict them, keep theirs."""
     before = _paths_of(rows)
-    none = np.zeros(len(rows), bool)
+    numbers, points = model.numbers, model.places
+
+    def unchanged(why: str) -> Refinement:
+        return Refinement(before, points, np.zeros(len(rows), bool), f"not refined: {why}")
+
     if not len(numbers):
-        return Refinement(before, none, "not refined: the model has no points")
+        return unchanged("the model has no points")
     seen = _observations(rows, numbers, straightened=False)
     if not len(seen.point):
         unknown = {each.picture.camera.model for each in rows} - {*LITTLE_BENT, *FISHEYES}
         why = f"not of lenses {', '.join(sorted(unknown))}" if unknown else "no picture shows its points"
-        return Refinement(before, none, f"not refined: {why}")
+        return unchanged(why)
     neighbours = _neighbours(rows)
     if not neighbours.known.any():
-        return Refinement(before, none, "not refined: pictures are more than a second apart")
-    seen, tests = _chosen(seen, len(rows), len(points))
-    if _were_straightened(before, points, seen, neighbours):
-        seen, tests = _chosen(_observations(rows, numbers, straightened=True), len(rows), len(points))
-    has_enough = np.bincount(seen.picture, minlength=len(rows)) >= _FEWEST
+        return unchanged("pictures are more than a second apart")
+    used, tests = _chosen(seen, len(rows), len(points))
+    if _were_straightened(before, points, used, neighbours):
+        seen = _observations(rows, numbers, straightened=True)
+        used, tests = _chosen(seen, len(rows), len(points))
+    has_enough = np.bincount(used.picture, minlength=len(rows)) >= _FEWEST
     if not has_enough.any() or len(tests.point) < _FEWEST:
-        return Refinement(before, none, "not refined: too few points")
+        return unchanged("too few points")
     # the bend of a motion that was found in frames may be wrong, and that of a gyro is right: the observations tell
     unbent = np.zeros_like(before.turn_bends)
     even = replace(before, turn_bends=unbent, shift_bends=unbent)
-    trials = [adjusted(paths, points, seen, neighbours) for paths in (before, even)]
+    trials = [adjusted(paths, points, used, neighbours) for paths in (before, even)]
     errors = [errors_px(*trial, tests) for trial in trials]
     best = int(np.argmin([np.median(each) for each in errors]))
     was = errors_px(before, points, tests)
     was_px, is_px = float(np.median(was)), float(np.median(errors[best]))
     if not is_px < min(_BETTER * was_px, _WORST_PX):
-        return Refinement(before, none, f"not refined: points are {was_px:.2f} px off, and would be {is_px:.2f}")
+        return unchanged(f"points are {was_px:.2f} px off, and would be {is_px:.2f}")
     is_better = has_enough & _improved(was, errors[best], tests.picture, len(rows))
     note = f"refined: points are {is_px:.2f} px off instead of {was_px:.2f}"
     if left := int(np.sum(~is_better)):
         note += f", but of {left} {'picture' if left == 1 else 'pictures'} with few points or contradictory ones"
-    return Refinement(_aligned(trials[best][0], before), is_better, note)
+    after, moved_points = trials[best]
+    nobody = np.zeros(0, int)
+    _, moved_points = minimised(after, moved_points, seen, neighbours, nobody, steps=5)  # all, from paths that stay
+    return Refinement(*_aligned(after, moved_points, before), is_better, note)
 
 
 def _paths_of(rows: list[RowPath]) -> Paths:
@@ -205,18 +211,19 @@ def _improved(before: np.ndarray, after: np.ndarray, picture: np.ndarray, pictur
     return better
 
 
-def _aligned(paths: Paths, to: Paths) -> Paths:
-    """Returns paths in the axes and scale of others: an adjustment leaves both free."""
+def _aligned(paths: Paths, points: np.ndarray, to: Paths) -> tuple[Paths, np.ndarray]:
+    """Returns paths and points in the axes and scale of other paths: an adjustment leaves both free."""
     u, _, v = np.linalg.svd(np.einsum("pji,pjk->ik", to.rotations, paths.rotations))
     turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
-    turned = (paths.positions - paths.positions.mean(axis=0)) @ turn.T
-    wanted = to.positions - to.positions.mean(axis=0)
+    middle, wanted_middle = paths.positions.mean(axis=0), to.positions.mean(axis=0)
+    turned = (paths.positions - middle) @ turn.T
     size = np.sum(turned**2)
-    scale = float(np.sum(turned * wanted) / size) if size > 0 else 1.0
-    return replace(
+    scale = float(np.sum(turned * (to.positions - wanted_middle)) / size) if size > 0 else 1.0
+    aligned = replace(
         paths,
         rotations=paths.rotations @ turn.T,
-        positions=scale * turned + to.positions.mean(axis=0),
+        positions=scale * turned + wanted_middle,
         shifts=scale * paths.shifts @ turn.T,
         shift_bends=scale * paths.shift_bends @ turn.T,
     )
+    return aligned, scale * (points - middle) @ turn.T + wanted_middle

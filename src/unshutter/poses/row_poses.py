@@ -33,7 +33,7 @@ from unshutter.options import Reference, check_ratio, option
 from unshutter.options.fields import check_values, implemented_by
 from unshutter.orientation import ScanDirection
 from unshutter.poses.adjustment import Paths
-from unshutter.poses.camera_poses import CameraPoses, PicturePoses
+from unshutter.poses.camera_poses import CameraPoses
 from unshutter.poses.colmap import ColmapPicture, read_model, read_points
 from unshutter.poses.frame_matching import match_frames
 from unshutter.poses.frame_rotations import (
@@ -44,6 +44,7 @@ from unshutter.poses.frame_rotations import (
     rotations_in_picture,
     series_and_number,
 )
+from unshutter.poses.picture_poses import PicturePoses
 from unshutter.poses.refinement import NODES, RowPath, refined
 from unshutter.reasons import Reason
 
@@ -142,11 +143,13 @@ def find_poses(colmap: str | Path, motions: str | Path, options: PoseOptions) ->
         for series in frames
         for k, frame in enumerate(series)
     ]
-    refinement = refined(_row_paths(frames, source), *read_points(Path(colmap)))
+    points = read_points(Path(colmap))
+    refinement = refined(_row_paths(frames, source), points)
     for k in np.flatnonzero(refinement.is_refined).tolist():
         poses[k] = _refined(poses[k], refinement.paths, k)
     poses.sort(key=lambda each: each.picture.name)
-    return CameraPoses(poses, left_out, source.readout_s, [*matched, refinement.note])
+    notes = [*matched, refinement.note]
+    return CameraPoses(poses, left_out, source.readout_s, notes, refinement.points, points.colours)
 
 
 def _series(pictures: list[ColmapPicture], first: int) -> dict[str, list[tuple[int, ColmapPicture]]]:
