@@ -1,5 +1,6 @@
 """Poses are refined against the points of a model and the rows that show them; what contradicts them is left alone."""
 
+import json
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -136,6 +137,20 @@ def test_pictures_with_few_points_keep_their_poses(tmp_path: Path) -> None:
     assert poses.described().endswith(", but of 1 picture with few points or contradictory ones")
     for k, (one, other) in enumerate(zip(poses.pictures, without_points(tmp_path).pictures, strict=True)):
         assert np.array_equal(one.world_to_camera, other.world_to_camera) == (k == 3)
+
+
+def test_points_show_what_the_motion_file_does_not(tmp_path: Path) -> None:
+    model, clip = Scene().write(tmp_path / "sparse"), WALK.write_clip_motion(tmp_path / "clip.json", FRAMES)
+    content = json.loads(clip.read_text())
+    for frame in content["frames"]:
+        frame |= {"rotations_rad": None, "reason": "too dark"}
+    clip.write_text(json.dumps(content))
+    poses = unshutter.camera_poses(model, clip, rows=3)
+    assert len(poses.pictures) == len(WALK.numbers) and not poses.left_out
+    place, turn = off(WALK, poses)
+    assert place < 0.004 and turn < 0.002
+    with pytest.raises(UnshutterError, match=r"no picture of .* has a motion \(15: too dark\)"):
+        without_points(tmp_path)
 
 
 def test_why_nothing_is_refined(tmp_path: Path) -> None:

@@ -75,6 +75,8 @@ def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
     def unchanged(why: str) -> Refinement:
         return Refinement(before, points, np.zeros(len(rows), bool), f"not refined: {why}")
 
+    if not rows:
+        return unchanged("no picture has a motion")
     if not len(numbers):
         return unchanged("the model has no points")
     seen = _observations(rows, numbers, straightened=False)
@@ -114,13 +116,13 @@ def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
 
 def _paths_of(rows: list[RowPath]) -> Paths:
     """Converts poses at lines to paths: the way from the first line to the last, and the bend."""
-    poses = np.stack([each.world_to_camera for each in rows])
+    poses = np.array([each.world_to_camera for each in rows]).reshape(len(rows), NODES, 4, 4)
     rotations = poses[:, :, :3, :3]
     positions = -np.einsum("pnji,pnj->pni", rotations, poses[:, :, :3, 3])
     middle = poses.shape[1] // 2
     turns = rotation_vector(rotations[:, -1] @ np.swapaxes(rotations[:, 0], -1, -2))
     shifts = positions[:, -1] - positions[:, 0]
-    share = np.stack([each.share for each in rows])[:, :, None]
+    share = np.array([each.share for each in rows]).reshape(len(rows), NODES, 1)
     here = rotations[:, middle]
     turned = rotations @ np.swapaxes(here, -1, -2)[:, None]
     turn_bends = rotation_vector(rotation_matrix(-share * turns[:, None]) @ turned)

@@ -16,7 +16,7 @@ sideways looks as if it turned; the poses of the neighbours show how far it turn
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -45,7 +45,7 @@ from unshutter.poses.frame_rotations import (
     series_and_number,
 )
 from unshutter.poses.picture_poses import PicturePoses
-from unshutter.poses.refinement import NODES, RowPath, refined
+from unshutter.poses.refinement import NODES, Refinement, RowPath, refined
 from unshutter.reasons import Reason
 
 _MOST_ROWS = 1001
@@ -94,6 +94,7 @@ class _Frame:
     lines: Float64[np.ndarray, "lines"]  # stored row or column of each
     times_s: Float64[np.ndarray, "lines"]  # when each was read
     moment_s: float  # when the reference line was read
+    unknown: str  # why the rotations within it are unknown, and taken for none; empty if they are known
     unstraightened: Callable[[], PositionMap]  # from positions in the straightened picture to those in the frame
 
     @property
@@ -135,21 +136,34 @@ def find_poses(colmap: str | Path, motions: str | Path, options: PoseOptions) ->
         found = [_frame_of(picture, k, source, options) for k, (_, picture) in zip(numbers, series, strict=True)]
         left_out.update(each for each in found if isinstance(each, str))
         frames.append([each for each in found if isinstance(each, _Frame)])
-    if not any(frames):
-        reason, count = left_out.most_common(1)[0]
-        raise UnshutterError(f"no picture of {{model}} has a motion ({count}: {reason})", model=colmap)
-    poses = [
-        _poses_of(series, k, source, np.linspace(0, len(frame.lines) - 1, options.rows))
-        for series in frames
-        for k, frame in enumerate(series)
-    ]
     points = read_points(Path(colmap))
     refinement = refined(_row_paths(frames, source), points)
-    for k in np.flatnonzero(refinement.is_refined).tolist():
-        poses[k] = _refined(poses[k], refinement.paths, k)
+    poses = list(_poses_of_all(frames, source, refinement, options.rows, left_out))
+    if not poses:
+        reason, count = left_out.most_common(1)[0]
+        raise UnshutterError(f"no picture of {{model}} has a motion ({count}: {reason})", model=colmap)
     poses.sort(key=lambda each: each.picture.name)
     notes = [*matched, refinement.note]
     return CameraPoses(poses, left_out, source.readout_s, notes, refinement.points, points.colours)
+
+
+def _poses_of_all(
+    frames: list[list[_Frame]], source: FrameRotations, refinement: Refinement, rows: int, left_out: Counter[str]
+) -> Iterator[PicturePoses]:
+    """Yields the poses of all frames whose path was refined or whose rotations are known; counts why others are not."""
+    refined_paths = iter(zip(refinement.is_refined, range(len(refinement.is_refined)), strict=True))
+    for series in frames:
+        known = [frame for frame in series if not frame.unknown]
+        place = {id(frame): k for k, frame in enumerate(known)}
+        for k, frame in enumerate(series):
+            is_refined, number = next(refined_paths)
+            at = np.linspace(0, len(frame.lines) - 1, rows)
+            if is_refined:
+                yield _refined(_poses_of(series, k, source, at), refinement.paths, number)
+            elif not frame.unknown:
+                yield _poses_of(known, place[id(frame)], source, at)
+            else:
+                left_out[frame.unknown] += 1
 
 
 def _series(pictures: list[ColmapPicture], first: int) -> dict[str, list[tuple[int, ColmapPicture]]]:
@@ -197,7 +211,7 @@ def camera_poses(
             folder with a motion file for each (``unshutter rectify --sequence --save-motion``).
 
     Returns:
-        The poses of all pictures whose motion is known.
+        The poses of all pictures whose motion is known, or shown by the model's points.
 
     Raises:
         UnshutterError: the model or a motion cannot be used; UsageError: options that do not go together.
@@ -227,11 +241,13 @@ def _frame_of(picture: ColmapPicture, number: int, source: FrameRotations, optio
     except UnshutterError as error:
         advice = "extract frames as they are stored (ffmpeg -noautorotate)"
         raise UnshutterError(f"{picture.name} of {camera.width}x{camera.height} px: {error}; {advice}") from None
+    scan_direction = found.motion.scan_direction
+    unknown = ""
     if isinstance(rotations, Reason):
-        return str(rotations)
+        unknown = str(rotations)
+        rotations = np.tile(np.eye(3), (scan_direction.frame_size(camera.height, camera.width)[0], 1, 1))
     count = len(rotations)
     order = np.arange(count, dtype=np.float64)
-    scan_direction = found.motion.scan_direction
     is_reversed = scan_direction in (ScanDirection.BOTTOM_TO_TOP, ScanDirection.RIGHT_TO_LEFT)
     share = READOUT_FRACTION[options.reference]
     reference = rotations[round(share * (count - 1))]
@@ -244,6 +260,7 @@ def _frame_of(picture: ColmapPicture, number: int, source: FrameRotations, optio
         lines=order[::-1] if is_reversed else order,
         times_s=start + source.readout_s * order / count,
         moment_s=start + source.readout_s * share * (count - 1) / count,
+        unknown=unknown,
         unstraightened=partial(_unstraightened, found.motion, _camera_of(picture), options.reference),
     )
 
