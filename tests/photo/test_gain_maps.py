@@ -18,9 +18,11 @@ from support.frame_pairs import Scene
 from support.gain_maps import (
     ISO,
     ISO_OF_MAP,
+    OF_APPLES_MAP,
     OF_MAP,
     STOPS,
     XMP_PREFIX,
+    apples_exif,
     hdr_photo,
     heic_with_gain_map,
     light_of,
@@ -45,12 +47,6 @@ from unshutter.run.inputs import usual_format
 HEIGHT, WIDTH = 240, 320
 MOTION = RowMotion.from_polynomials([0, 16, 5], [0, 0.03], HEIGHT, WIDTH)
 SDR = ("gain map (the result is SDR)",)
-APPLE = (
-    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-    b'<rdf:Description xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/" '
-    b'xmlns:HDRGainMap="http://ns.apple.com/HDRGainMap/1.0/" HDRGainMap:HDRGainMapVersion="131072" '
-    b'apdi:AuxiliaryImageType="urn:com:apple:photo:2020:aux:hdrgainmap"/></rdf:RDF></x:xmpmeta>'
-)
 DEPTH = (
     b'<x:xmpmeta xmlns:x="adobe:ns:meta/" xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/">'
     b"<apdi:AuxiliaryImageType>urn:com:apple:photo:2017:aux:depth</apdi:AuxiliaryImageType></x:xmpmeta>"
@@ -162,13 +158,41 @@ def test_a_damaged_map_costs_only_the_map(of_map: bytes | None) -> None:
 
 
 def test_apples_map_has_no_entry_in_xmp_and_keeps_its_own_metadata() -> None:
-    data = hdr_photo(of_map=APPLE)
+    data = hdr_photo(of_map=OF_APPLES_MAP)
     base, gain_map = pictures_of(data)
     plain = Photo.from_bytes(data.replace(segments_of(base)[1], bytes(len(segments_of(base)[1]))))
     result = rectify(plain, motion=MOTION, edges="crop").encode()
     new = pictures_of(result.data)[1]
-    assert "gain map" not in " ".join(result.left_out) and XMP_PREFIX + APPLE in segments_of(new)
+    assert "gain map" not in " ".join(result.left_out) and XMP_PREFIX + OF_APPLES_MAP in segments_of(new)
     assert segments_of(new) == segments_of(gain_map)
+
+
+def test_apples_map_becomes_one_of_iso_in_avif() -> None:
+    """By Apple's formula, the light is multiplied by 1 + (8 - 1) * the map, which is coded by BT.709."""
+    data = hdr_photo(of_map=OF_APPLES_MAP, iso=b"", map_size=(120, 160))
+    base, gain = (pixels_of(each) / 255 for each in pictures_of(data))
+    linear = np.where(base <= 0.04045, base / 12.92, ((base + 0.055) / 1.055) ** 2.4)
+    share = np.where(gain < 0.081, gain / 4.5, ((gain + 0.099) / 1.099) ** (1 / 0.45))
+    light = linear * (1 + 7 * cv2.resize(share, base.shape[1::-1], interpolation=cv2.INTER_LINEAR))[..., None]
+    plain = np.round((light / light.max()) ** (1 / 2.4) * 65535).astype(np.uint16)
+    expected = (straighten(plain, MOTION, "crop")[0] / 65535) ** 2.4 * light.max()
+    file = rectify(data, motion=MOTION, edges="crop").encode("avif")
+    off = in_stops(light_of(file.data), expected)
+    assert file.left_out == () and ISO_OF_MAP in file.data
+    assert off.mean() < 0.04 and np.percentile(off, 99) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("headroom", "gain", "stops"), [(1.01, 1.1846, 1.9441), (1.01, 0.005, 2.65), (0.9, 0.005, 1.7), (0.9, 1, 1.5)]
+)
+def test_apples_maker_note_says_how_bright_its_map_is(headroom: float, gain: float, stops: float) -> None:
+    """The first numbers are an iPhone's, whose XMP says 3.848."""
+    data = hdr_photo(of_map=OF_APPLES_MAP.replace(b"GainMapHeadroom", b"Headroom"), iso=b"")
+    exif = apples_exif(headroom, gain)
+    old = next(each for each in segments_of(pictures_of(data)[0]) if each.startswith(b"Exif"))
+    photo = Photo.from_bytes(data.replace(segment(0xE1, old), segment(0xE1, exif)))
+    assert photo.auxiliaries.meaning.stops == pytest.approx(stops, abs=1e-3)
+    assert photo.hdr_formats == ("jpeg", "avif")
 
 
 def test_a_depth_map_is_warped_without_mixing_near_and_far() -> None:
@@ -391,7 +415,7 @@ def test_maps_of_iso_are_kept_in_jpeg_and_avif(format: str, tmp_path: Path) -> N
         off = in_stops(light_of(file.data), expected)
         assert off.mean() < 0.04 and np.percentile(off, 99) < 0.3
         again = Photo.from_bytes(file.data)
-        assert again.auxiliaries.iso_metadata == ISO_OF_MAP and again.encode().left_out == ()
+        assert again.auxiliaries.meaning.metadata == ISO_OF_MAP and again.encode().left_out == ()
     assert result.encode("png").left_out == SDR
 
 
@@ -412,7 +436,7 @@ def test_a_jpegs_map_is_kept_in_avif_with_what_its_xmp_says() -> None:
         b"><hdrgm:GainMapMax><rdf:Seq><rdf:li>1</rdf:li><rdf:li>2.5</rdf:li><rdf:li>3</rdf:li></rdf:Seq>"
         b"</hdrgm:GainMapMax></rdf:Description></rdf:RDF>",
     )
-    channels = Photo.from_bytes(hdr_photo(iso=b"", of_map=three)).auxiliaries.iso_metadata
+    channels = Photo.from_bytes(hdr_photo(iso=b"", of_map=three)).auxiliaries.meaning.metadata
     assert len(channels) == 5 + 4 * 4 + 3 * 40 and channels[4] == 0xC0
     greatest = [np.frombuffer(channels, ">i4", 2, 21 + 40 * at + 8) for at in range(3)]
     assert [list(each) for each in greatest] == [[1, 1], [5, 2], [3, 1]]
@@ -447,5 +471,5 @@ def test_a_map_that_makes_a_picture_in_pq_sdr_is_kept_in_avif() -> None:
     result = rectify(photo, motion=MOTION, edges="crop")
     assert photo.hdr_formats == ("png", "avif")
     file = result.encode()
-    assert file.left_out == () and Photo.from_bytes(file.data).auxiliaries.iso_metadata == ISO_OF_MAP
+    assert file.left_out == () and Photo.from_bytes(file.data).auxiliaries.meaning.metadata == ISO_OF_MAP
     assert file.data.count(b"colrnclx\0\x09\0\x10") == 1 and result.encode("png").left_out == ("gain map",)

@@ -19,7 +19,7 @@ from PIL.JpegImagePlugin import get_sampling
 import unshutter
 from support.camera_files import heic
 from support.drawn_photos import drawn, encoded, textured
-from support.gain_maps import ISO_OF_MAP, OF_MAP, hdr_photo, heic_with_gain_map, pictures_of, with_tone_map
+from support.gain_maps import ISO_OF_MAP, OF_APPLES_MAP, OF_MAP, hdr_photo, pictures_of, with_tone_map
 from support.motion_photos import VIDEO, motion_photo
 from support.rich_files import (
     COLUMNS,
@@ -342,15 +342,15 @@ def transfers(column: str, output: str) -> str:
     return "refused" if not kept else "kept" if kept == [True, True] else "lost"
 
 
-def gain_map(column: str, output: str, is_iso: bool = True) -> str:
+def gain_map(column: str, output: str, is_apples: bool = False) -> str:
     """Whether the map's metadata are there, with new pixels."""
     pixels = drawn(HEIGHT, WIDTH, bands=4)
     if column == "JPEG":
         data, told = hdr_photo(HEIGHT, WIDTH, (HEIGHT // 4, WIDTH // 4), iso=b""), OF_MAP
-    elif is_iso:
-        data, told = with_tone_map(*(file_of(column, each) for each in (pixels[..., :3], pixels[..., 3:]))), ISO_OF_MAP
     else:
-        data, told = heic_with_gain_map(pixels), b"hdrgainmap"
+        files = [file_of(column, each) for each in (pixels[..., :3], pixels[..., 3:])]
+        data = with_tone_map(*files, of_apple=OF_APPLES_MAP if is_apples else b"")
+        told = OF_APPLES_MAP if is_apples else ISO_OF_MAP
     with tempfile.TemporaryDirectory() as folder:
         path, result = Path(folder, f"photo{COLUMNS[column]}"), Path(folder, f"out{COLUMNS[output]}")
         path.write_bytes(data)
@@ -366,7 +366,7 @@ HDR_ROWS: dict[str, Callable[[str], str]] = {
     "gain map in JPEG": lambda output: gain_map("JPEG", output),
     "gain map in AVIF (ISO)": lambda output: gain_map("AVIF", output),
     "gain map in HEIC (ISO)": lambda output: gain_map("HEIC", output),
-    "gain map in HEIC (Apple)": lambda output: gain_map("HEIC", output, is_iso=False),
+    "gain map in HEIC (Apple)": lambda output: gain_map("HEIC", output, is_apples=True),
     "PQ, HLG in PNG": lambda output: transfers("PNG", output),
     "PQ, HLG in AVIF": lambda output: transfers("AVIF", output),
     "PQ, HLG in HEIC": lambda output: transfers("HEIC", output),

@@ -5,9 +5,11 @@ import struct
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from support.camera_files import heic
 from support.drawn_photos import encoded
+from support.maker_notes import directory
 from support.motion_photos import packet
 from support.tagged_files import exif_blob
 from unshutter import Photo
@@ -15,6 +17,13 @@ from unshutter.photo import boxes
 
 STOPS = 3.0  # by which the brightest pixels of a map are brighter in HDR
 ISO = b"urn:iso:std:iso:ts:21496:-1\0"
+OF_APPLES_MAP = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    b'<rdf:Description xmlns:apdi="http://ns.apple.com/pixeldatainfo/1.0/" '
+    b'xmlns:HDRGainMap="http://ns.apple.com/HDRGainMap/1.0/" HDRGainMap:HDRGainMapVersion="131072" '
+    b'HDRGainMap:HDRGainMapHeadroom="8" '
+    b'apdi:AuxiliaryImageType="urn:com:apple:photo:2020:aux:hdrgainmap"/></rdf:RDF></x:xmpmeta>'
+)
 # what OF_MAP says, in ISO's form: versions, flags (in the base picture's colours), headrooms; least and greatest gain,
 # gamma, offsets
 ISO_OF_MAP = struct.pack(">HHB14I", 0, 0, 0x40, 0, 1, int(STOPS), 1, 0, 1, int(STOPS), 1, 1, 1, 0, 1, 0, 1)
@@ -92,10 +101,27 @@ def heic_with_gain_map(pixels: np.ndarray, orientation: int = 1) -> bytes:
     return heic(pixels, orientation).replace(b"urn:mpeg:hevc:2015:auxid:1", b"urn:com:a:2020::hdrgainmap")
 
 
+def apples_exif(headroom: float, gain: float) -> bytes:
+    """EXIF with an iPhone's maker note that says how bright a gain map is."""
+    numbers = [struct.pack(">ii", round(1e6 * each), 1_000_000) for each in (headroom, gain)]
+    note = b"Apple iOS\0\0\1MM" + directory(">", 14, (33, 10, numbers[0]), (48, 10, numbers[1]))
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x927C] = note
+    return b"Exif\0\0" + exif.tobytes().removeprefix(b"Exif\0\0")
+
+
 def with_tone_map(
-    base: bytes, gain_map: bytes, metadata: bytes = ISO_OF_MAP, brand: bytes = b"tmap", primaries: int = 1
+    base: bytes,
+    gain_map: bytes,
+    metadata: bytes = ISO_OF_MAP,
+    brand: bytes = b"tmap",
+    primaries: int = 1,
+    of_apple: bytes = b"",
 ) -> bytes:
-    """An AVIF or HEIC with a gain map by ISO 21496-1, made of two of one picture each; it is no auxiliary picture."""
+    """An AVIF or HEIC with a gain map by ISO 21496-1, made of two of one picture each; it is no auxiliary picture.
+
+    With XMP ``of_apple``, the map is an auxiliary picture as iPhones write it, instead.
+    """
     kind = b"hvc1" if b"hvc1" in base else b"av01"
     properties, numbers, coded = [], [], []
     for data in (base, gain_map):
@@ -108,9 +134,17 @@ def with_tone_map(
     size = 1 + [name for name, _ in properties].index(b"ispe")
     properties.append((b"colr", b"nclx" + struct.pack(">HHHB", primaries, 16, 6, 0x80)))
     numbers.insert(1, bytes([size, len(properties)]))
-    coded.insert(1, b"\0" + metadata)
-    infe = [(0, 1, kind), (0, 2, b"tmap"), (1, 3, kind)]  # the map is hidden
-    iinf = b"".join(_box(b"infe", struct.pack(">BBHHH4sB", 2, 0, flag, item, 0, of, 0)) for flag, item, of in infe)
+    coded.insert(1, of_apple or b"\0" + metadata)
+    about = b"mime\0application/rdf+xml\0" if of_apple else b"tmap\0"
+    references = _box(b"dimg", struct.pack(">HHHH", 2, 2, 1, 3))
+    if of_apple:
+        properties.append((b"auxC", bytes(4) + b"urn:com:apple:photo:2020:aux:hdrgainmap\0"))
+        numbers[1:] = [b"", numbers[2] + bytes([len(properties)])]
+        references = b"".join(
+            _box(name, struct.pack(">HHH", of, 1, to)) for name, of, to in ((b"auxl", 3, 1), (b"cdsc", 2, 3))
+        )
+    infe = [(0, 1, kind + b"\0"), (0, 2, about), (1, 3, kind + b"\0")]  # the map is hidden
+    iinf = b"".join(_box(b"infe", struct.pack(">BBHHH", 2, 0, flag, item, 0) + of) for flag, item, of in infe)
     ipma = b"".join(struct.pack(">HB", item, len(own)) + own for item, own in enumerate(numbers, 1))
     iprp = _box(b"ipco", b"".join(_box(*each) for each in properties)) + _box(b"ipma", struct.pack(">II", 0, 3) + ipma)
     ftyp = _box(b"ftyp", base[8 : struct.unpack_from(">I", base)[0]] + brand)
@@ -125,7 +159,7 @@ def with_tone_map(
             b"pitm": struct.pack(">IH", 0, 1),
             b"iloc": struct.pack(">IBBH", 0, 0x44, 0, 3) + places,
             b"iinf": struct.pack(">IH", 0, 3) + iinf,
-            b"iref": bytes(4) + _box(b"dimg", struct.pack(">HHHH", 2, 2, 1, 3)),
+            b"iref": bytes(4) + references,
             b"iprp": iprp,
             b"grpl": _box(b"altr", struct.pack(">5I", 0, 4, 2, 2, 1)),
         }

@@ -23,6 +23,7 @@ from unshutter.errors import UnshutterError
 from unshutter.photo import exif, extended_xmp, gain_map_metadata
 from unshutter.photo.chunks import APP0, APP1, APP2, APP14, COMMENT, before_the_scan, encoded_segment
 from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.gain_map_metadata import Meaning
 from unshutter.photo.libvips import Source, as_image, computed, refusing
 from unshutter.photo.parts import CONFIDENCE_MAP, DEPTH_MAP, GAIN_MAP
 
@@ -103,6 +104,7 @@ class Auxiliaries:
     pictures: tuple[AuxiliaryPicture, ...]
     segments: tuple[bytes, ...] = ()  # contents of APP2 of the photo that say that there is a gain map (ISO)
     list_order: str = ""  # byte order of CIPA's list, as for struct; empty if there is none
+    exif: bytes | None = None  # of the photo
     extension: bytes | None = None  # extended XMP about a depth map, of the photo
     # properties (name, content) of the picture that the gain map makes, as boxes state them
     alternate: tuple[tuple[bytes, bytes], ...] = ()
@@ -125,12 +127,20 @@ class Auxiliaries:
         return None if self.extension is None else extended_xmp.completed(self.extension, files)
 
     @cached_property
-    def iso_metadata(self) -> bytes | None:
-        """What the numbers of the gain map mean, in the form of ISO 21496-1; None if that cannot state it."""
+    def meaning(self) -> Meaning | None:
+        """What the numbers of the gain map mean, in the form of ISO 21496-1; None if that is unknown."""
         try:
-            return self.gain_map and gain_map_metadata.of_segments(self.gain_map.stored.segments())
+            return self.gain_map and gain_map_metadata.of_segments(self.gain_map.stored.segments(), self.exif)
         except UnshutterError:
             return None
+
+    @property
+    def iso_gain_map(self) -> np.ndarray | None:
+        """The pixels of the gain map [h, w, bands] uint8, as :attr:`meaning` states; None if that is unknown."""
+        if self.gain_map is None or self.meaning is None:
+            return None
+        pixels = self.gain_map.pixels
+        return pixels if self.meaning.stops is None else gain_map_metadata.in_logarithms(pixels, self.meaning.stops)
 
     def rendered(self, new_pixels: Sequence[np.ndarray | None]) -> Auxiliaries | None:
         """Returns those of a result, given their pixels or None; None if none is left."""

@@ -137,19 +137,20 @@ class Avif(WrittenFormat):
             state_colours(file, metadata.code_points)
         left_out = [] if metadata.exif is None or _embed_exif(file, metadata.exif) else ["EXIF"]
         auxiliaries = metadata.auxiliaries
-        if auxiliaries is not None and auxiliaries.gain_map is not None and auxiliaries.iso_metadata is not None:
+        gain_map = None if auxiliaries is None else auxiliaries.iso_gain_map
+        if auxiliaries is not None and auxiliaries.meaning is not None and gain_map is not None:
             with threads(_THREADS), memory_returned(), refusing("cannot encode the gain map"):
-                coded = as_image(auxiliaries.gain_map.pixels).heifsave_buffer(
+                coded = as_image(gain_map).heifsave_buffer(
                     compression="av1", Q=QUALITY, effort=0, bitdepth=8, subsample_mode="off", keep=0
                 )
-            if not add_gain_map(file, coded, auxiliaries.iso_metadata, auxiliaries.alternate):
+            if not add_gain_map(file, coded, auxiliaries.meaning.metadata, auxiliaries.alternate):
                 left_out.append(GAIN_MAP)
         return left_out
 
     def held_auxiliaries(self, auxiliaries: Auxiliaries) -> Auxiliaries | None:
-        """See WrittenFormat. Only gain maps whose metadata ISO can state."""
+        """See WrittenFormat. Only gain maps whose meaning is known."""
         gain_map = auxiliaries.gain_map
-        if gain_map is None or auxiliaries.iso_metadata is None:
+        if gain_map is None or auxiliaries.meaning is None:
             return None
         return replace(auxiliaries, pictures=(gain_map,), extension=None)
 
@@ -277,6 +278,7 @@ def _with_auxiliaries(metadata: Metadata, source: Source, format: Format, size: 
         pictures,
         segments[:1],
         ">",
+        exif=metadata.exif,
         alternate=alternate,
         alternate_has_other_colours=gain_map is not None and gain_map.has_other_colours,
     )

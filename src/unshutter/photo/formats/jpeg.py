@@ -238,7 +238,8 @@ def _auxiliaries(pictures: list[AuxiliaryPicture], listed: list[tuple[int, bytes
         return None
     lists = _beginning(listed, APP2, LIST_PREFIX)
     order = "" if not lists else "<" if lists[0].startswith(LIST_PREFIX + b"II") else ">"
-    auxiliaries = Auxiliaries(tuple(pictures), tuple(_beginning(listed, APP2, ISO_PREFIX)), order)
+    blob = next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None)
+    auxiliaries = Auxiliaries(tuple(pictures), tuple(_beginning(listed, APP2, ISO_PREFIX)), order, exif=blob)
     return auxiliaries if auxiliaries.gain_map is not None else replace(auxiliaries, segments=())
 
 

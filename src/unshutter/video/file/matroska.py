@@ -31,6 +31,7 @@ class _Element(NamedTuple):
 
 def _elements(data: bytes, at: int, end: int) -> Iterator[_Element]:
     """Yields the elements in a part of a file, up to the first frame."""
+    end = min(end, len(data))
     while at < end and data[at]:
         size_at = at + 9 - data[at].bit_length()
         name = int.from_bytes(data[at:size_at], "big")
