@@ -14,6 +14,7 @@ from support.covering import thorough
 from support.walking_camera import FOCAL, HEIGHT, WIDTH, WalkingCamera
 from unshutter import CameraPoses, ScanDirection, UnshutterError
 from unshutter.motion.grid import rs_to_gs_map
+from unshutter.poses import adjustment, refinement
 from unshutter.poses.colmap import MODELS, ColmapCamera, read_model, read_points
 
 CAMERA = WalkingCamera()
@@ -137,6 +138,15 @@ def test_pictures_with_few_points_keep_their_poses(tmp_path: Path) -> None:
     assert poses.described().endswith(", but of 1 picture with few points or contradictory ones")
     for k, (one, other) in enumerate(zip(poses.pictures, without_points(tmp_path).pictures, strict=True)):
         assert np.array_equal(one.world_to_camera, other.world_to_camera) == (k == 3)
+
+
+def test_many_pictures_are_adjusted_in_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adjustment, "_WINDOW", 8)
+    monkeypatch.setattr(refinement, "_AT_ONCE", 1000)
+    poses = Scene().refined(tmp_path)
+    place, turn = off(WALK, poses)
+    assert place < 0.01 and turn < 0.003
+    assert poses.points.shape == (250, 3)
 
 
 def test_points_show_what_the_motion_file_does_not(tmp_path: Path) -> None:

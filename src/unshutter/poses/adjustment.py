@@ -168,9 +168,9 @@ def adjusted(
         return minimised(paths, points, seen, neighbours, np.arange(count))
     for start in range(0, count - _WINDOW // 2, _WINDOW // 2):
         free = np.arange(start, min(start + _WINDOW, count))
-        shown = np.zeros(len(points), bool)
-        shown[seen.point[np.isin(seen.picture, free)]] = True
-        paths, points = minimised(paths, points, seen[shown[seen.point]], neighbours, free)
+        in_window = np.zeros(len(points), bool)
+        in_window[seen.point[np.isin(seen.picture, free)]] = True
+        paths, points = minimised(paths, points, seen[in_window[seen.point]], neighbours, free)
     return paths, points
 
 
@@ -189,6 +189,9 @@ def minimised(
     Args:
         free: indices of the pictures that move.
     """
+    shown, point = np.unique(seen.point, return_inverse=True)
+    all_points, points = points, points[shown]
+    seen = replace(seen, point=point)
     across = seen.across
     damping = 1e-4
     for _ in range(steps):
@@ -207,7 +210,9 @@ def minimised(
         damping = max(damping / 5, 1e-8)
         if cost > (1 - _SETTLED) * start:
             break
-    return paths, points
+    all_points = all_points.copy()
+    all_points[shown] = points
+    return paths, all_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,9 +292,11 @@ class _System:
         reduced = np.zeros((count, _UNKNOWNS, count, _UNKNOWNS))
         every = np.arange(count)
         reduced[every, :, every, :] = _damped(self.pictures[free], damping)
-        place = np.full((len(self.pictures), len(self.points)), -1, np.int32)
-        place[seen.picture, seen.point] = np.arange(len(seen.point))
-        place = place[free]
+        row = np.full(len(self.pictures), -1)
+        row[free] = every
+        moving = np.flatnonzero(row[seen.picture] >= 0)
+        place = np.full((count, len(self.points)), -1, np.int32)  # of each free picture's observation of each point
+        place[row[seen.picture[moving]], seen.point[moving]] = moving
         for k in range(count):
             shown = np.flatnonzero(place[k] >= 0)
             own = place[k, shown]

@@ -22,6 +22,7 @@ from unshutter.poses.colmap import FISHEYES, LITTLE_BENT, ColmapPicture, ColmapP
 NODES = 33  # lines of a picture between which the bend of the camera's path is interpolated
 _FEWEST = 30  # observations of a picture that is refined
 _MOST = 800  # observations of a picture that are used, about
+_AT_ONCE = 300_000  # observations
 _HELD_OUT = 10  # one observation in this many tests the others
 _BETTER = 0.98  # share of the error that must be left at most
 _WORST_PX = 4.0  # median error of a model that is refined
@@ -109,9 +110,17 @@ def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
     if left := int(np.sum(~is_better)):
         note += f", but of {left} {'picture' if left == 1 else 'pictures'} with few points or contradictory ones"
     after, moved_points = trials[best]
-    nobody = np.zeros(0, int)
-    _, moved_points = minimised(after, moved_points, seen, neighbours, nobody, steps=5)  # all, from paths that stay
+    moved_points = _triangulated(after, moved_points, seen, neighbours)
     return Refinement(*_aligned(after, moved_points, before), is_better, note)
+
+
+def _triangulated(paths: Paths, points: np.ndarray, seen: Observations, neighbours: Neighbours) -> np.ndarray:
+    """Returns all points as the paths see them, which stay as they are."""
+    part = np.cumsum(np.bincount(seen.point, minlength=len(points))) // _AT_ONCE
+    for number in np.unique(part[seen.point]):
+        some = seen[part[seen.point] == number]
+        _, points = minimised(paths, points, some, neighbours, np.zeros(0, int), steps=5)
+    return points
 
 
 def _paths_of(rows: list[RowPath]) -> Paths:
