@@ -15,8 +15,8 @@ def test_elimination_gives_the_solution_of_the_whole_system():
     moved = rng.normal(size=(PAIRS, MOST, 2))
     spline = rng.normal(size=(PAIRS, MOST, LOCAL))
     weights = rng.uniform(size=(PAIRS, MOST))
-    shapes = PairShapes.of(at, jacobian, moved, rng.normal(size=(PAIRS, 2)), np.arange(PAIRS) + 0.5)
-    found = shapes.eliminated(weights, spline, SPREAD)
+    shapes = PairShapes.of(at, jacobian, rng.normal(size=(PAIRS, 2)), np.arange(PAIRS) + 0.5)
+    found = shapes.eliminated(weights, spline, SPREAD, moved)
     size = LOCAL * UNKNOWNS
     prior = np.eye(size * PAIRS)  # each pair has coefficients of its own
     places = np.arange(size * PAIRS).reshape(PAIRS, size)

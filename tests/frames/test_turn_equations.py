@@ -12,7 +12,10 @@ PAIRS, MOST, LOCAL, UNKNOWNS = 3, 20, 6, 4
 def equations():
     rng = np.random.default_rng(0)
     spline, jacobian = rng.normal(size=(PAIRS, MOST, LOCAL)), rng.normal(size=(PAIRS, MOST, 2, UNKNOWNS))
-    return RotationEquations(spline, jacobian, rng.normal(size=(PAIRS, MOST, 2)))
+    return RotationEquations(spline, jacobian, np.ones((PAIRS, MOST)))
+
+
+MOVED = np.random.default_rng(3).normal(size=(PAIRS, MOST, 2))
 
 
 def design(equations):
@@ -23,15 +26,15 @@ def design(equations):
 def test_normal_equations_are_those_of_the_design_matrix(equations):
     weights = np.random.default_rng(1).uniform(size=(PAIRS, MOST))
     weighted = design(equations) * np.repeat(weights, 2, axis=1)[..., None]
-    matrix, right = equations.normal(weights)
+    matrix, right = equations.normal(weights, MOVED)
     assert matrix == pytest.approx(weighted.swapaxes(1, 2) @ design(equations))
-    assert right == pytest.approx((weighted * equations.moved.reshape(PAIRS, -1, 1)).sum(axis=1))
+    assert right == pytest.approx((weighted * MOVED.reshape(PAIRS, -1, 1)).sum(axis=1))
 
 
 def test_distances_are_those_of_the_design_matrix(equations):
     coefficients = np.random.default_rng(2).normal(size=(PAIRS, LOCAL, UNKNOWNS))
-    off = equations.moved.reshape(PAIRS, -1) - (design(equations) @ coefficients.reshape(PAIRS, -1, 1))[..., 0]
-    assert equations.squared(coefficients) == pytest.approx((off.reshape(PAIRS, MOST, 2) ** 2).sum(axis=-1))
+    off = MOVED.reshape(PAIRS, -1) - (design(equations) @ coefficients.reshape(PAIRS, -1, 1))[..., 0]
+    assert equations.left(coefficients, MOVED) == pytest.approx(off.reshape(PAIRS, MOST, 2))
 
 
 def test_outliers_and_places_without_a_track_do_not_pull():

@@ -14,7 +14,8 @@ D_y, D_x, D_z act like translations t_x, t_y and a rotation r_z, for cameras tha
 A fourth unknown is the change of scale, x1 - x0 = x D_4, y1 - y0 = y D_4: without it, a camera that drives forwards
 would be mistaken for one that rotates. It is estimated but not corrected.
 
-So is the skew and stretch that depth adds to each pair (parallax.py).
+So is the skew and stretch that depth adds to each pair (parallax.py) and, where tracks bear it, the velocity that depth
+adds all over the picture (parallax_grid.py).
 
 Errors of tracks are modelled by Student's t, so that outliers have little influence, and the spline's second derivative
 as white noise. The size of both is estimated too, by maximising the probability of the tracks (the evidence).
@@ -29,6 +30,7 @@ from functools import cached_property
 import numpy as np
 
 from unshutter.frames.parallax import PairShapes, Solution
+from unshutter.frames.parallax_grid import Parallax, ParallaxGrid, faded
 from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
 from unshutter.motion.lens import Lens
@@ -39,7 +41,7 @@ from unshutter.progress import Count, uncounted
 
 @dataclass(frozen=True, eq=False)
 class RotationEquations:
-    """For each track: moved = jacobian @ (spline @ coefficients).
+    """For each track: its displacement = jacobian @ (spline @ coefficients).
 
     The product of both factors is six times as large as the two together, and is never formed.
     """
@@ -47,16 +49,17 @@ class RotationEquations:
     # difference of each spline, among those that a pair's times overlap, between a track's two ends
     spline: Float64[np.ndarray, "pairs most local"]
     jacobian: Float64[np.ndarray, "pairs most 2 unknowns"]  # displacement of a track per unknown
-    moved: Float64[np.ndarray, "pairs most 2"]  # measured displacement [px]
+    spans: Float64[np.ndarray, "pairs most"]  # time between a track's two ends [usual frame intervals]
 
-    def squared(self, coefficients: Float64[np.ndarray, "pairs local unknowns"]) -> Float64[np.ndarray, "pairs most"]:
-        """Squared distance of each track's end from its predicted position [px^2]."""
+    def left(
+        self, coefficients: Float64[np.ndarray, "pairs local k"], moved: Float64[np.ndarray, "pairs most 2"]
+    ) -> Float64[np.ndarray, "pairs most 2"]:
+        """Returns what the first k unknowns leave of each track's displacement [px]."""
         rotated = self.spline @ coefficients
-        left = self.moved - (self.jacobian @ rotated[..., None])[..., 0]
-        return (left**2).sum(axis=-1)
+        return moved - (self.jacobian[..., : coefficients.shape[-1]] @ rotated[..., None])[..., 0]
 
     def normal(
-        self, weights: Float64[np.ndarray, "pairs most"]
+        self, weights: Float64[np.ndarray, "pairs most"], moved: Float64[np.ndarray, "pairs most 2"]
     ) -> tuple[Float64[np.ndarray, "pairs n n"], Float64[np.ndarray, "pairs n"]]:
         """Returns each pair's normal equations for its coefficients, spline by spline: matrix and right-hand side."""
         pairs, _, local = self.spline.shape
@@ -66,7 +69,8 @@ class RotationEquations:
         blocks = np.empty((pairs, local, unknowns, local, unknowns))
         half = half.reshape(pairs, -1, unknowns, unknowns).swapaxes(0, 1)
         blocks[:, first, :, second], blocks[:, second, :, first] = half, half
-        right = self.spline.swapaxes(1, 2) @ (self._moved_products * weights[..., None])
+        of_moved = (self.jacobian * moved[..., None]).sum(axis=2)  # J^T moved of each track
+        right = self.spline.swapaxes(1, 2) @ (of_moved * weights[..., None])
         return blocks.reshape(pairs, local * unknowns, -1), right.reshape(pairs, -1)
 
     @cached_property
@@ -81,11 +85,6 @@ class RotationEquations:
         """[pairs, most, unknowns^2] J^T J of each track."""
         products = self.jacobian.swapaxes(2, 3) @ self.jacobian
         return products.reshape(*products.shape[:2], -1)
-
-    @cached_property
-    def _moved_products(self) -> np.ndarray:
-        """[pairs, most, unknowns] J^T moved of each track."""
-        return (self.jacobian * self.moved[..., None]).sum(axis=2)
 
 
 ROWS = 256  # errors and curvatures are in pixels of a picture with this many rows
@@ -109,6 +108,7 @@ class Fit:
     stiffness: float  # weight of the spline's curvature
     log_evidence: float  # log probability of the tracks, up to a constant
     per_frame: int = PER_FRAME  # knots
+    parallax: Parallax | None = None  # velocities that depth adds; None: they were not looked for
 
     @classmethod
     def none(cls, focal_px: float) -> Fit:
@@ -117,7 +117,8 @@ class Fit:
 
     def later(self, frames: int) -> Fit:
         """Returns the fit with times counted from a later frame, from which another fit can start."""
-        return replace(self, coefficients=self.coefficients[self.per_frame * frames :])
+        parallax = self.parallax and self.parallax.later(frames)
+        return replace(self, coefficients=self.coefficients[self.per_frame * frames :], parallax=parallax)
 
     def after(self, earlier: Fit, at: float, over: float) -> Fit:
         """Fades an earlier fit into this one, so that the path has no step.
@@ -138,7 +139,7 @@ class Fit:
         apart -= apart[fading[:, 0]].mean(axis=0) if fading.any() else apart[-1]
         coefficients = self.coefficients.copy()
         coefficients[:shared] += share * apart
-        return replace(self, coefficients=coefficients)
+        return replace(self, coefficients=coefficients, parallax=faded(self.parallax, earlier.parallax, at, over))
 
     def of_knots(self, knots: int) -> Float64[np.ndarray, "knots 4"]:
         """Returns the coefficients of the first ``knots`` knots; extrapolates linearly beyond the known ones."""
@@ -168,6 +169,7 @@ class Problem:
     depth: float | None = None
     count: Count = uncounted  # called after each solution, with the number of pairs
     per_frame: int = PER_FRAME  # knots of the spline
+    has_parallax: bool = False  # whether depth adds a velocity all over the picture (parallax_grid.py)
     _unit: float = field(init=False)
     # [2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]
     _ends: Float64[np.ndarray, "2 pairs most 2"] = field(init=False)
@@ -208,7 +210,7 @@ class Problem:
         since = self._taken - np.floor(self._taken[:, :1])
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
         spline = basis(np.minimum(times * self.per_frame, self._local - 3.04), self._local)
-        return RotationEquations(spline[1] - spline[0], self._jacobian, self._moved)
+        return RotationEquations(spline[1] - spline[0], self._jacobian, times[1] - times[0])
 
     @cached_property
     def _shapes(self) -> PairShapes:
@@ -217,7 +219,13 @@ class Problem:
         gaps = np.diff(self._taken, axis=1)
         moved = [np.median(pair.end - pair.start, axis=0) if len(pair) else np.zeros(2) for pair in self.pairs]
         speeds = np.array(moved) * self._unit / gaps
-        return PairShapes.of(at, self._jacobian, self._moved, speeds, self._taken.mean(axis=1))
+        return PairShapes.of(at, self._jacobian, speeds, self._taken.mean(axis=1))
+
+    @cached_property
+    def _grid(self) -> ParallaxGrid:
+        """Velocities that depth adds, as further unknowns."""
+        size = (ROWS, self.pairs[0].width * self._unit)
+        return ParallaxGrid.of(self._ends.mean(axis=0), size, self._taken.mean(axis=1))
 
     @property
     def _knots(self) -> int:
@@ -279,34 +287,44 @@ class Problem:
         unknowns = None if near is None else near.of_knots(self._knots).ravel()
         shapes = None
         solution = None
+        moved = self._moved
+        velocities = None
         matrix = np.empty_like(self._prior)
         for _ in range(_ROUNDS if near is not None else 2 * _ROUNDS):
             if unknowns is not None:
-                weights, noise = student_weights(self._squared(equations, unknowns, shapes), self._used, noise)
+                if self.has_parallax:
+                    moved, velocities = self._without_parallax(equations, unknowns, weights)
+                left = self._left(equations, unknowns, shapes, moved)
+                weights, noise = student_weights((left**2).sum(axis=-1), self._used, noise)
             np.multiply(self._prior, stiffness, out=matrix)
             matrix.flat[:: len(matrix) + 1] += _RIDGE
-            solution = self._solution(equations, weights, matrix)
+            solution = self._solution(equations, weights, matrix, moved)
             unknowns = solution.unknowns
             shapes = solution.shapes
         assert unknowns is not None
         assert solution is not None
-        squared = self._squared(equations, unknowns, shapes)[self._used]
+        if self.has_parallax:
+            moved, velocities = self._without_parallax(equations, unknowns, weights)
+        squared = (self._left(equations, unknowns, shapes, moved) ** 2).sum(axis=-1)[self._used]
         likelihood = student_log_likelihoods(squared, noise).sum()
         free = len(unknowns) - 2 * _UNKNOWNS  # the prior leaves position and speed free
         bent = stiffness * unknowns @ (self._prior @ unknowns) + _RIDGE * unknowns @ unknowns
         evidence = likelihood - (bent + solution.cost - free * np.log(stiffness) + log_determinant(solution.left)) / 2
         self.count(len(self.pairs))
-        return Fit(
-            unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence), self.per_frame
-        )
+        coefficients = unknowns.reshape(-1, _UNKNOWNS)
+        parallax = None if velocities is None else Parallax(self._taken.mean(axis=1), velocities)
+        about = self.focal_px, float(noise), stiffness, float(evidence), self.per_frame, parallax
+        return Fit(coefficients, *about)
 
-    def _solution(self, equations: RotationEquations, weights: np.ndarray, matrix: np.ndarray) -> Solution:
+    def _solution(
+        self, equations: RotationEquations, weights: np.ndarray, matrix: np.ndarray, moved: np.ndarray
+    ) -> Solution:
         """Solves the linear equations for given weights of the tracks; adds to the matrix, which holds the prior."""
         right = np.zeros(len(matrix))
-        normal, moments = equations.normal(weights)
+        normal, moments = equations.normal(weights, moved)
         shapes = None
         if self.depth is not None:
-            shapes = self._shapes.eliminated(weights, equations.spline, self.depth)
+            shapes = self._shapes.eliminated(weights, equations.spline, self.depth, moved)
             normal = normal - shapes.normal()
             moments = moments - shapes.right()
         for k, place in enumerate(self._places):
@@ -319,12 +337,32 @@ class Problem:
         unknowns, left = solve_banded(matrix, right[:, None], block)
         return Solution(unknowns[:, 0], left)
 
-    def _squared(self, equations: RotationEquations, unknowns: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
-        """[pairs, most] squared distance of each track's end from its predicted position."""
+    def _left(
+        self, equations: RotationEquations, unknowns: np.ndarray, shapes: np.ndarray | None, moved: np.ndarray
+    ) -> np.ndarray:
+        """[pairs, most, 2] distance of each track's end from its predicted position."""
         if shapes is not None:
-            moved = np.einsum("pmcs,ps->pmc", self._shapes.displacement, shapes)
-            equations = replace(equations, moved=equations.moved - moved)
-        return equations.squared(unknowns[self._places].reshape(len(self.pairs), -1, _UNKNOWNS))
+            moved = moved - np.einsum("pmcs,ps->pmc", self._shapes.displacement, shapes)
+        return equations.left(self._of_pairs(unknowns), moved)
+
+    def _of_pairs(self, unknowns: np.ndarray) -> np.ndarray:
+        """[pairs, local, 4] coefficients of the splines that each pair's times overlap."""
+        return unknowns[self._places].reshape(len(self.pairs), -1, _UNKNOWNS)
+
+    def _without_parallax(
+        self, equations: RotationEquations, unknowns: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the tracks' displacements less those that depth adds, and the velocities of the grid's nodes."""
+        left = equations.left(self._of_pairs(unknowns)[..., :3], self._moved)
+        velocities = self._grid.velocities(left, equations.spans, weights / weights.max())
+        return self._moved - self._grid.displaced(velocities, equations.spans), velocities
+
+    def shows_parallax(self, fit: Fit, ratio: float) -> bool:
+        """Whether what a fit leaves of the tracks is a velocity that depends on their place."""
+        equations = self._equations(ratio)
+        left = equations.left(self._of_pairs(fit.of_knots(self._knots).ravel()), self._moved)
+        weights, noise = student_weights((left**2).sum(axis=-1), self._used, fit.noise_px)
+        return self._grid.is_borne(left, equations.spans, weights * noise**2, self._used)
 
 
 def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:

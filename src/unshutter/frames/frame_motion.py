@@ -68,6 +68,7 @@ class Timing:
 
 
 NAME = "frames-camera"
+_MOST_PX = 8.0  # px of ROWS rows: most that depth may displace a place during a readout
 AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
 
 
@@ -139,8 +140,14 @@ class FrameMotion:
         if reach.max() < 0.1:  # px of ROWS rows
             return self._none(Reason(Code.HARDLY_MOVED))
         focal = self.fit.focal_px * self.height / ROWS
+        parallax = None
+        if self.fit.parallax is not None:
+            moved = self.ratio * self.fit.parallax.at(self.at)
+            parallax = np.clip(moved, -_MOST_PX, _MOST_PX) * self.height / ROWS
         try:
-            motion = RotationMotion(self.width, rotations, focal, self.lens, scan_direction=self.scan_direction)
+            motion = RotationMotion(
+                self.width, rotations, focal, self.lens, parallax, scan_direction=self.scan_direction
+            )
             motion.check_unfolded()
         except UnshutterError as error:
             return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))

@@ -35,7 +35,6 @@ class PairShapes:
 
     displacement: Float64[np.ndarray, "pairs most 2 2"]  # N, of each track
     jacobian: Float64[np.ndarray, "pairs most unknowns 2"]  # J^T N: of the camera's unknowns and the shapes
-    moved: Float64[np.ndarray, "pairs most 2"]  # N^T moved
     follows: Float64[np.ndarray, "pairs columns"]  # G_k, the same for skew and stretch
     hats: int  # number of functions of time, for each of which there are as many columns
 
@@ -44,7 +43,6 @@ class PairShapes:
         cls,
         at: Float64[np.ndarray, "pairs most 2"],
         jacobian: Float64[np.ndarray, "pairs most 2 unknowns"],
-        moved: Float64[np.ndarray, "pairs most 2"],
         speeds: Float64[np.ndarray, "pairs 2"],
         times: Float64[np.ndarray, "pairs"],
     ) -> PairShapes:
@@ -53,7 +51,6 @@ class PairShapes:
         Args:
             at: places of the tracks from the middle of the picture [half heights].
             jacobian: displacement of a track per unknown of the camera's motion.
-            moved: measured displacement [px].
             speeds: of the picture [px per frame interval].
             times: of the pairs [frame intervals].
         """
@@ -64,8 +61,7 @@ class PairShapes:
         hat = np.maximum(0.0, 1 - np.abs(place[:, None] - np.arange(hats)))
         kinds = np.concatenate([np.ones((len(times), 1)), speeds], axis=1)
         follows = (hat[:, :, None] * kinds[:, None]).reshape(len(times), -1)
-        of_moved = np.einsum("pmcs,pmc->pms", shapes, moved)
-        return cls(shapes, np.swapaxes(jacobian, 2, 3) @ shapes, of_moved, follows, hats)
+        return cls(shapes, np.swapaxes(jacobian, 2, 3) @ shapes, follows, hats)
 
     @cached_property
     def _size(self) -> Float64[np.ndarray, "pairs most"]:
@@ -85,12 +81,14 @@ class PairShapes:
         weights: Float64[np.ndarray, "pairs most"],
         spline: Float64[np.ndarray, "pairs most local"],
         spread: float,
+        moved: Float64[np.ndarray, "pairs most 2"],
     ) -> Eliminated:
-        """Returns the pairs' equations, for the standard deviation of b [px for a px of speed]."""
+        """Returns the equations of the pairs' displacements [px], for b's standard deviation [px for a px of speed]."""
         crossed = np.einsum("pml,pmus->plus", spline * weights[..., None], self.jacobian, optimize=True)
         size = (weights * self._size).sum(axis=1)
-        moved = (weights[..., None] * self.moved).sum(axis=1)
-        return Eliminated(self.follows, self._prior(spread), crossed.reshape(len(crossed), -1, 2), size, moved)
+        along = np.einsum("pmcs,pmc->pms", self.displacement, moved)  # N^T moved
+        of_moved = (weights[..., None] * along).sum(axis=1)
+        return Eliminated(self.follows, self._prior(spread), crossed.reshape(len(crossed), -1, 2), size, of_moved)
 
 
 @dataclass(frozen=True, eq=False)

@@ -226,16 +226,19 @@ def usual_focal(pair: Tracks) -> float:
     return USUAL_FOCAL * (pair.width + pair.height) * ROWS / pair.height
 
 
-def focal_from_motion(pairs: Sequence[Tracks], ratio: float, count: Count = uncounted) -> float:
+def focal_from_motion(
+    pairs: Sequence[Tracks], ratio: float, count: Count = uncounted, has_parallax: bool = False
+) -> float:
     """Estimates the focal length that best explains the tracks [px of ROWS rows].
 
     The prior decides if the camera rotated too little. Cameras that translate rather than rotate yield a very long
-    focal length, which describes them best. ``count`` is called after each fit, with its number of pairs.
+    focal length, which describes them best, unless depth may add velocities (``has_parallax``). ``count`` is called
+    after each fit, with its number of pairs.
     """
     unit = usual_focal(pairs[0]) / USUAL_FOCAL
 
     def problem(share: float) -> Problem:
-        return Problem(pairs, float(share * unit), count=count, per_frame=COARSE)
+        return Problem(pairs, float(share * unit), count=count, per_frame=COARSE, has_parallax=has_parallax)
 
     near = problem(USUAL_FOCAL).fit(ratio)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from unshutter.frames.self_calibration import (
     ratio_from_motion,
     usual_focal,
 )
-from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE
+from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE, Tracks
 from unshutter.motion.finding import Finding
 from unshutter.motion.lens import Lens
 from unshutter.options import Camera, Clock, Reference, Undo, check_focal
@@ -175,10 +175,9 @@ class CameraMotion:
         focal = self._focal
         if focal is None and reason is not None:
             focal = usual_focal(pairs[0])
+        is_found = focal is None
         if focal is None:
-            long_enough = len(pairs) >= _LONG_ENOUGH
-            focal = focal_from_motion(pairs, self.ratio.value, self.count)
-            self._focal = focal if long_enough else None
+            focal = self._found_focal(pairs, self.ratio)
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
         if self.known_rotations is not None:
             moments = pairwise(shot.clock_s)
@@ -188,7 +187,7 @@ class CameraMotion:
         # the search for the stiffness is slow, and so done once in a while
         known = None if self._since_search >= _STIFFNESS_EVERY else self._stiffness
         stiffness = _EVEN if len(pairs) < _FEW_PAIRS else known
-        likeliest = problem.fit(self.ratio.value, stiffness, shot.as_now(shot.fitted))
+        problem, likeliest = self._likeliest(problem, self.ratio, stiffness, shot.as_now(shot.fitted), is_found)
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
         if path_before is not None:
@@ -202,6 +201,28 @@ class CameraMotion:
         if fit.noise_px > 2.0:  # no camera rotation explains the tracks
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason
+
+    def _likeliest(
+        self, problem: Problem, ratio: ReadoutRatio, stiffness: float | None, near: Fit | None, is_found: bool
+    ) -> tuple[Problem, Fit]:
+        """Returns the most probable motion, and the problem it solves: with velocities of depth if tracks bear them.
+
+        Args:
+            is_found: whether the focal length was found in these frames: a rotation that imitates depth needs a longer.
+        """
+        fit = problem.fit(ratio.value, stiffness, near)
+        is_long = len(problem.pairs) >= _LONG_ENOUGH
+        if not is_long or self.known_rotations is not None or not problem.shows_parallax(fit, ratio.value):
+            return problem, fit
+        focal = self._found_focal(problem.pairs, ratio, has_parallax=True) if is_found else problem.focal_px
+        problem = replace(problem, focal_px=focal, has_parallax=True)
+        return problem, problem.fit(ratio.value)
+
+    def _found_focal(self, pairs: Sequence[Tracks], ratio: ReadoutRatio, has_parallax: bool = False) -> float:
+        """Returns the focal length that pairs of frames show [px of ROWS rows]; remembers that of enough pairs."""
+        focal = focal_from_motion(pairs, ratio.value, self.count, has_parallax)
+        self._focal = focal if len(pairs) >= _LONG_ENOUGH else None
+        return focal
 
     def _too_little(self, shot: Shot) -> Reason | None:
         """Returns why a shot needs no correction, or None if it does."""

@@ -10,6 +10,6 @@ another package are imported with the method that found the motion.
 
 from unshutter.motion.geometry import RowMotion
 from unshutter.motion.motion import Motion
-from unshutter.motion.rotations import RotationMotion
+from unshutter.motion.rotation_motion import RotationMotion
 
 __all__ = ["Motion", "RotationMotion", "RowMotion"]

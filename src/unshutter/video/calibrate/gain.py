@@ -20,6 +20,7 @@ import numpy as np
 
 from unshutter.frames.camera import ROWS, padded_ends, rotation_jacobian
 from unshutter.frames.frame_motion import AT_REST, FrameMotion
+from unshutter.frames.parallax_grid import ParallaxGrid
 from unshutter.frames.self_calibration import others, usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.motion import Motion
@@ -38,6 +39,7 @@ from unshutter.video.gyro.synchronisation import GyroRotations
 
 RUNS, RUN = 3, 40  # series of frames spread over a clip that are examined first, and frames of each
 ALL = RUNS * RUN  # frames: of a clip that has no more, all are examined
+_FAR = 1000.0  # frames, between series
 _MIN_TRACKS = 12  # tracks of a pair of frames that counts
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _MIN_STEPS = 15  # pairs of frames, below which their steps say nothing
@@ -150,15 +152,15 @@ class Gain:
         gain = cls(sum(map(len, runs)))
         pairs: list[_Pair] = []
         leans: list[tuple[int | None, Float64[np.ndarray, "2"]]] = []  # number of the pair that a frame ends; its lean
-        for run in runs:
+        for series, run in enumerate(runs):
             was = None
-            for motion in run:
+            for k, motion in enumerate(run):
                 now = UndoneFrame.of(motion, undo)
                 gain._count(motion, now)
                 has_pair = was is not None and was.shot == motion.shot and motion.tracks is not None
                 leans.append((len(pairs) if has_pair else None, now.lean))
                 if was is not None and has_pair:
-                    pairs.append(_Pair.of(was, now, motion))
+                    pairs.append(_Pair.of(was, now, motion, _FAR * series + k))
                 was = now
         if pairs:
             gain._compare(pairs, leans)
@@ -186,8 +188,9 @@ class Gain:
         if not told:
             return
         focals = np.array([pair.focal for pair in told])
-        left, used = _left([_checking(pair.before) for pair in told], focals)
-        then, _ = _left([_checking(pair.after) for pair in told], focals)
+        numbers = np.array([pair.number for pair in told]) if any(pair.has_depth for pair in told) else None
+        left, used = _left([_checking(pair.before) for pair in told], focals, numbers)
+        then, _ = _left([_checking(pair.after) for pair in told], focals, numbers)
         weights = student_weights_of_each((left + then) / 2, used)
         self.gains += (weights * (left - then)).sum(axis=1).tolist()
         unit = TALL / ROWS * first.height / min(first.height, first.width)
@@ -205,16 +208,20 @@ class _Pair:
     focal: float  # px of ROWS rows
     moves: bool  # whether the motion of either frame is undone
     change_px: tuple[float, float]  # change of the displacement, and largest displacement [px of 1080 rows]
+    number: float  # of its later frame; far apart in different series
+    has_depth: bool  # whether depth moves near and far apart, as in a walk
 
     @classmethod
-    def of(cls, was: UndoneFrame, now: UndoneFrame, motion: FrameMotion) -> _Pair:
+    def of(cls, was: UndoneFrame, now: UndoneFrame, motion: FrameMotion, number: float) -> _Pair:
         tracks = motion.tracks
         assert tracks is not None
         undone = replace(tracks, start=was.seen(tracks.start, tracks), end=now.seen(tracks.end, tracks))
         focal = usual_focal(tracks) if motion.fit is None else motion.fit.focal_px
         largest = max(float(np.abs(each.grid).max()) for each in (was, now))
         change = float(np.abs(now.grid - was.grid).max())
-        return cls(tracks, undone, focal, was.reason is None or now.reason is None, (change, largest))
+        moves = was.reason is None or now.reason is None
+        has_depth = motion.fit is not None and motion.fit.parallax is not None
+        return cls(tracks, undone, focal, moves, (change, largest), number, has_depth)
 
 
 def _checking(tracks: Tracks) -> Tracks:
@@ -315,12 +322,13 @@ class UndoneFrame:
 
 
 def _left(
-    pairs: Sequence[Tracks], focals: Float64[np.ndarray, "pairs"]
+    pairs: Sequence[Tracks], focals: Float64[np.ndarray, "pairs"], numbers: Float64[np.ndarray, "pairs"] | None
 ) -> tuple[Float64[np.ndarray, "pairs most"], Bool[np.ndarray, "pairs most"]]:
     """Returns what the camera's rotation and a change of scale leave of tracks; and which entries hold a track.
 
     Args:
         focals: focal length of each pair [px of ROWS rows].
+        numbers: of the pairs' frames, if depth adds velocities, which do not count as wobble; None: it does not.
 
     Returns:
         Squared distances [px of ROWS rows, squared].
@@ -337,4 +345,10 @@ def _left(
         weights = np.repeat(student_weights_of_each(np.square(left).sum(axis=-1), used), 2, axis=-1)
         unknowns = weighted_least_squares(jacobian, moved.reshape(len(pairs), -1), weights)
         left = moved - (jacobian @ unknowns[..., None]).reshape(moved.shape)
+    if numbers is not None:
+        weights = student_weights_of_each(np.square(left).sum(axis=-1), used)
+        grid = ParallaxGrid.of(ends.mean(axis=0), (ROWS, width), numbers)
+        once = np.ones(used.shape)
+        share = weights / np.maximum(weights.max(axis=1, keepdims=True), 1e-9)
+        left = left - grid.displaced(grid.velocities(left, once, share), once)
     return np.square(left).sum(axis=-1), used

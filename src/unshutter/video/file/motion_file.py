@@ -84,6 +84,7 @@ class MotionWriter:
         if isinstance(motion, RotationMotion):
             kept = RowSamples.of(motion)
             record |= {"focal": kept.focal_heights, "rotations_rad": kept.rotations.tolist()}
+            record |= {} if kept.parallax is None else {"parallax": kept.parallax.tolist()}
         else:
             reason = found.reason
             record |= {"rotations_rad": None, "reason": "" if reason is None else str(reason)}
@@ -145,7 +146,9 @@ def _parsed(data: JsonObject) -> ClipMotion:
             raise ValueError(f"rotations of shape {samples.shape}")
         rows = (len(samples) - 1) * STRIDE + 1
         columns = max(1, round(frame_width * rows / frame_height))
-        motions.append(Finding(RowSamples(samples, float(frame["focal"]), columns, scan_direction).motion(lens)))
+        parallax = np.array(frame["parallax"], np.float64) if "parallax" in frame else None
+        kept = RowSamples(samples, float(frame["focal"]), columns, scan_direction, parallax)
+        motions.append(Finding(kept.motion(lens)))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")

@@ -21,6 +21,7 @@ ROWS = 65  # of the small pictures to which the motions of clips refer
 GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
 STRIDE = 4  # rows
 _DECIMALS = 9
+_PARALLAX_DECIMALS = 6  # of a height: 0.002 px of 2160 rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +32,16 @@ class RowSamples:
     focal_heights: float  # focal length [heights of the readout frame]
     width: int  # of the small picture [px]
     scan_direction: ScanDirection
+    # displacement of the grid's nodes by depth (motion/parallax_field.py) [heights]; None: the camera only rotates
+    parallax: Float64[np.ndarray, "nodes 2"] | None = None
 
     @classmethod
     def of(cls, motion: RotationMotion) -> RowSamples:
         """Returns the samples of a motion."""
         rotations = motion.rotations[::STRIDE]
         focal_heights = round(motion.focal_px / motion.height, _DECIMALS)
-        return cls(_rounded(rotations - rotations[0]), focal_heights, motion.width, motion.scan_direction)
+        parallax = None if motion.parallax is None else np.round(motion.parallax / motion.height, _PARALLAX_DECIMALS)
+        return cls(_rounded(rotations - rotations[0]), focal_heights, motion.width, motion.scan_direction, parallax)
 
     def motion(self, lens: Lens | None) -> RotationMotion:
         """Returns the motion of all rows."""
@@ -46,7 +50,9 @@ class RowSamples:
         for number, weight in enumerate(weights):  # BLAS would round by where an array lies in memory
             rotations += weight[:, None] * self.rotations[first + number]
         focal_px = self.focal_heights * len(rotations)
-        return RotationMotion(self.width, rotations - rotations[0], focal_px, lens, scan_direction=self.scan_direction)
+        parallax = None if self.parallax is None else self.parallax * len(rotations)
+        camera = focal_px, lens, parallax
+        return RotationMotion(self.width, rotations - rotations[0], *camera, scan_direction=self.scan_direction)
 
 
 def as_kept(found: Finding, lens: Lens | None) -> Finding:

@@ -130,4 +130,6 @@ def _mixed(scene: int, none: Finding, known: list[_Known]) -> Finding:
     nearby = [(motion, share / total) for motion, share in shares if isinstance(motion, RotationMotion) and share]
     if not nearby:
         return none
-    return Finding(replace(nearby[0][0], rotations=sum(share * motion.rotations for motion, share in nearby)))
+    mixed = replace(nearby[0][0], rotations=sum(share * motion.rotations for motion, share in nearby))
+    moved = [share * motion.parallax for motion, share in nearby if motion.parallax is not None]
+    return Finding(replace(mixed, parallax=sum(moved) if moved else None))
