@@ -1,6 +1,7 @@
 """The default method, on photos."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,13 @@ import pytest
 import unshutter
 from support.methods import check_facade_is_left_alone, check_photo_is_rectified
 from unshutter import Motion, RowMotion
-from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter.motion.finding import Candidate, Finding
+from unshutter.options import DEFAULT_ESTIMATOR, Camera
+from unshutter.photo import Photo
+from unshutter.single.estimator import View
+from unshutter.single.methods import SegmentManhattan
+from unshutter.single.register import load
+from unshutter.single.row_network import RowNetwork
 from unshutter_lab.evaluation.metrics import motion_error
 
 
@@ -59,3 +66,26 @@ def test_answer_for_the_shipped_photo() -> None:
     assert dict(found.kind_shares) == pytest.approx(
         {"quadratic": 0.7962091, "hand": 0.1995909, "pan": 0.0042001}, rel=1e-4
     )
+
+
+def test_a_network_that_sees_pixels_draws_a_motion_towards_its_own_unless_it_is_sure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    u = np.arange(256) / 256
+    seen = np.stack([12 * u, 0 * u])
+    monkeypatch.setattr(RowNetwork, "motion_of", lambda self, square: seen)
+    estimator = load()
+    assert isinstance(estimator, SegmentManhattan)
+
+    def end_of(view: View, confidence: float) -> float:
+        finding = Finding(RowMotion(256, 10 * u, 0 * u), confidence=confidence)
+        candidates = Candidate("hand", finding), Candidate("still", view.no_motion("me"))
+        first, other = estimator._seconded(candidates, view, np.zeros((256, 256), np.uint8))
+        assert first.finding.confidence == confidence and other is candidates[1]
+        return float(first.motion.tx_px[-1])
+
+    view = View(Photo.from_array(np.zeros((256, 256, 3), np.uint8)))
+    assert 10.5 < end_of(view, 0.8) < 10.8
+    assert end_of(view, 0.96) == end_of(replace(view, camera=Camera(roll_deg=0.0)), 0.8) == 10 * u[-1]
+    seen = np.stack([-10 * u, 0 * u])
+    assert 9.2 < end_of(view, 0.8) < 10

@@ -11,6 +11,7 @@ import numpy as np
 
 from unshutter.motion.finding import Candidate, Finding, list_single
 from unshutter.motion.upright import Pose
+from unshutter.motion.verdict import Certainty
 from unshutter.reasons import Code, Reason
 from unshutter.single import Method
 from unshutter.single.borders import has_border
@@ -29,7 +30,9 @@ from unshutter.single.likelihood import (
 )
 from unshutter.single.network import SegmentNetwork
 from unshutter.single.prior import MotionKind, NetworkErrors, NetworkObservation, PriorParams, shipped
+from unshutter.single.register import method as method_named
 from unshutter.single.roll import roll_error
+from unshutter.single.row_network import RowNetwork, motion_in_grey
 from unshutter.single.search import PX, Posterior, cameras_for, displacement, explore
 
 
@@ -89,11 +92,11 @@ class _RightAngles(Estimator):
         reason = Reason(Code.BORDER) if has_border(grey) else unusable(segments, view.height, view.width)
         if reason:
             return list_single(view.no_motion(self.name, reason), view.photo.orientation)
-        candidates, posterior = self._modes(view, segments, size)
+        candidates, posterior = self._modes(view, segments, size, grey)
         return _with_poses(candidates, posterior, likelihood_of(view, segments, size, params=_HELD_ASKEW), view)
 
     @abstractmethod
-    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes: ...
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int], grey: np.ndarray) -> _Modes: ...
 
 
 _HELD_ASKEW = PriorParams(sigma_roll=math.radians(3), sigma_askew=math.radians(6))  # of photos that are to be turned
@@ -129,7 +132,7 @@ def _with_poses(
 class Manhattan(_RightAngles):
     """manhattan: the motion, camera and focal length that make line segments straight and square; no learning."""
 
-    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes:
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int], grey: np.ndarray) -> _Modes:
         posterior = explore(likelihood_of(view, segments, size), STARTS)
         return candidates_of(posterior, view, self.name), posterior
 
@@ -146,6 +149,8 @@ class _WithNetwork(Estimator):
         self._network.open()
 
 
+# weight of the motion that kandula2020 sees if it is the same; displacement [rows] that counts as none beside it
+_MOST_SECONDED, _FAINT = 0.4, 0.5 / PX
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: range of the network's training data
 
 
@@ -153,7 +158,8 @@ class SegmentManhattan(_WithNetwork, _RightAngles):
     """segment-manhattan: the posterior mean, including the network's estimate as an observation.
 
     The network estimates curvature well and shear poorly; right angles, if present, determine the shear. Its estimate
-    therefore enters the likelihood as one more observation, with the covariance of its errors.
+    therefore enters the likelihood as one more observation, with the covariance of its errors. Of a motion that is to
+    be undone, a network that sees pixels (kandula2020) is asked, too.
     """
 
     def __init__(
@@ -164,17 +170,36 @@ class SegmentManhattan(_WithNetwork, _RightAngles):
         kinds: tuple[MotionKind, ...] = (),
     ):
         super().__init__(method, weights)
+        pixels = method_named("kandula2020")
+        self._pixels = RowNetwork(pixels.name, pixels.weights)
         self._errors = errors or shipped().network_errors
         self.kinds = kinds or shipped().kinds
 
-    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> _Modes:
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int], grey: np.ndarray) -> _Modes:
         _, tilt = view.attitude_deg()
         if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
             posterior = explore(likelihood_of(view, segments, size, kinds=self.kinds), STARTS)
             return candidates_of(posterior, view, self.name), posterior
         posterior, answer = self.weigh(view, segments, size)
         by_smear = candidates_by_smear(posterior, view, self.name)
-        return by_smear or candidates_of(posterior, view, self.name, answer), posterior
+        return by_smear or self._seconded(candidates_of(posterior, view, self.name, answer), view, grey), posterior
+
+    def _seconded(self, candidates: tuple[Candidate, ...], view: View, grey: np.ndarray) -> tuple[Candidate, ...]:
+        """Returns the candidates, the motion to undo drawn towards that which kandula2020 sees in the pixels.
+
+        The errors of the two are hardly related, least of all in the shear. The farther apart they are, the less the
+        motion is changed. It stays where it is sure or the roll is known, and in pictures that are not upright, as
+        none was in training.
+        """
+        first, *others = candidates
+        is_sure = Certainty.of(first.finding.confidence or 0.0) is Certainty.SURE
+        if first.motion.is_zero or is_sure or view.attitude_deg()[0] is not None or view.up != (0, -1):
+            return candidates
+        found, seen = view.cubic_of(first.motion), view.cubic_of(motion_in_grey(self._pixels, view, grey))
+        distance = displacement(seen - found) / (displacement(found) / 2 + _FAINT)
+        weight = _MOST_SECONDED / (1 + distance**2)
+        motion = view.cubic_motion((found + weight * (seen - found)).reshape(2, 3), self.name).motion
+        return (replace(first, finding=replace(first.finding, motion=motion)), *others)
 
     def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
         """Returns the posterior including the network's estimate, and that estimate: [6] coefficients."""

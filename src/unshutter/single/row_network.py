@@ -134,6 +134,23 @@ class RowNetwork:
         return WeightsError(f"cannot use the weights {self._file}: {why}")
 
 
+def motion_in_grey(network: RowNetwork, view: View, grey: UInt[np.ndarray, "h w"]) -> Motion:
+    """Returns the motion that a network sees at a first look at the photo's grey copy; first row as the reference."""
+    side = min(grey.shape)
+    top, left = (grey.shape[0] - side) // 2, (grey.shape[1] - side) // 2
+    how = cv2.INTER_AREA if side >= SIZE else cv2.INTER_LINEAR
+    square = cv2.resize(
+        np.ascontiguousarray(grey[top : top + side, left : left + side]), (SIZE, SIZE), interpolation=how
+    )
+    return _enlarged(view, network.motion_of(np.repeat(square[..., None], 3, axis=2)))
+
+
+def _enlarged(view: View, motion: Float64[np.ndarray, "2 256"]) -> Motion:
+    """Returns the motion of the photo from that of its square."""
+    rows = (np.arange(side_of(view)) + 0.5) * SIZE / side_of(view) - 0.5  # the photo's, in rows of the square
+    return motion_of_square(view, rows, cubic(motion, rows)).rereferenced("first")
+
+
 _UNITS = np.array([[100.0], [1.0]])  # px and rad that weigh alike
 
 
@@ -152,9 +169,7 @@ class Kandula2020(Estimator):
 
     def estimate(self, view: View) -> Motion:
         """Returns cubic t_x and r_z, enlarged to the photo; first row as the reference."""
-        rows = (np.arange(side_of(view)) + 0.5) * SIZE / side_of(view) - 0.5  # the photo's, in rows of the square
-        motion = cubic(self.of_square(square_of(view)), rows)
-        return motion_of_square(view, rows, motion).rereferenced("first")
+        return _enlarged(view, self.of_square(square_of(view)))
 
     def of_square(self, square: UInt[np.ndarray, "256 256 3"]) -> Float64[np.ndarray, "2 256"]:
         """Returns t_x [px of 256] and r_z [rad] of every row of a square, after the second look."""
