@@ -120,19 +120,33 @@ class Walk:
         nearest = np.full((HEIGHT, WIDTH), np.inf)
         out = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
         for face in self.faces:
+            part = self._part(face, rotations, positions)
             normal = np.cross(*face.sides)
             with np.errstate(divide="ignore", invalid="ignore"):
-                distance = ((face.corner - positions) @ normal)[:, None] / (rays @ normal)
-            seen = (distance > 0.05) & (distance < nearest)
-            at = positions[:, None] + np.where(seen, distance, 0)[..., None] * rays - face.corner
+                distance = ((face.corner - positions[part[0]]) @ normal)[:, None] / (rays[part] @ normal)
+            seen = (distance > 0.05) & (distance < nearest[part])
+            at = positions[part[0], None] + np.where(seen, distance, 0)[..., None] * rays[part] - face.corner
             share = at @ face.sides.T / (face.sides**2).sum(axis=1)
             seen &= ((share >= 0) & (share < 1)).all(axis=-1)
             if seen.any():
                 place = (share * (face.picture.shape[1] - 1, face.picture.shape[0] - 1)).astype(np.float32)
                 drawn = cv2.remap(face.picture, place[..., 0], place[..., 1], cv2.INTER_LINEAR)
-                out[seen] = np.clip(drawn[seen] + 0.5, 0, 255)
-                nearest[seen] = distance[seen]
+                out[part][seen] = np.clip(drawn[seen] + 0.5, 0, 255)
+                nearest[part][seen] = distance[seen]
         return out
+
+    def _part(self, face: Face, rotations: np.ndarray, positions: np.ndarray) -> tuple[slice, slice]:
+        """Returns the rows and columns in which a face can be, all of them if it reaches behind the camera."""
+        corners = face.corner + np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ face.sides
+        x, y, z = np.einsum("rij,rcj->irc", rotations[::60], corners - positions[::60, None])
+        if z.min() < 0.1:
+            return slice(None), slice(None)
+        col, row = x / z * FOCAL + WIDTH / 2, y / z * FOCAL + HEIGHT / 2
+        ends = (
+            np.clip([at.min() - 8, at.max() + 9], 0, size).astype(int) for at, size in ((row, HEIGHT), (col, WIDTH))
+        )
+        rows, columns = (slice(*each.tolist()) for each in ends)
+        return rows, columns
 
     def film(self, path: Path, is_global: bool) -> None:
         """Writes a lossless film of the walk."""
@@ -161,7 +175,12 @@ def modelled(walk: Walk, film: Path, folder: Path) -> tuple[int, float, float, f
                 cv2.imwrite(str(pictures / f"{number:04d}.png"), frame.to_ndarray(format="bgr24"))
     database = folder / f"{film.stem}.db"
     camera = pycolmap.ImageReaderOptions(camera_model="SIMPLE_PINHOLE")
-    pycolmap.extract_features(database, pictures, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=camera)
+    features = pycolmap.FeatureExtractionOptions()
+    features.sift.max_num_features = 3000
+    single = pycolmap.CameraMode.SINGLE
+    pycolmap.extract_features(
+        database, pictures, camera_mode=single, reader_options=camera, extraction_options=features
+    )
     pycolmap.match_sequential(database, pairing_options=pycolmap.SequentialPairingOptions(overlap=8))
     models = pycolmap.incremental_mapping(database, pictures, folder / f"{film.stem}-model")
     model = max(models.values(), key=lambda each: each.num_reg_images())
