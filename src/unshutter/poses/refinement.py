@@ -115,7 +115,7 @@ def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
 
 
 def _triangulated(paths: Paths, points: np.ndarray, seen: Observations, neighbours: Neighbours) -> np.ndarray:
-    """Returns all points as the paths see them, which stay as they are."""
+    """Returns all points as the paths see them, unchanged."""
     part = np.cumsum(np.bincount(seen.point, minlength=len(points))) // _AT_ONCE
     for number in np.unique(part[seen.point]):
         some = seen[part[seen.point] == number]
