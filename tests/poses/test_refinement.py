@@ -11,7 +11,7 @@ import pytest
 
 import unshutter
 from support.covering import thorough
-from support.walking_camera import FOCAL, HEIGHT, WIDTH, WalkingCamera
+from support.walking_camera import FOCAL, FPS, HEIGHT, RATIO, WIDTH, WalkingCamera
 from unshutter import CameraPoses, ScanDirection, UnshutterError
 from unshutter.motion.grid import rs_to_gs_map
 from unshutter.poses import adjustment, refinement
@@ -29,26 +29,28 @@ class Scene:
     camera: WalkingCamera = WALK
     straightened: bool = False
     contradictory: bool = False
+    exact: bool = False
 
     def write(self, folder: Path) -> Path:
         """Writes the model, as text."""
         random = np.random.default_rng(5)
+        error = 0 if self.exact else 1
         places = np.stack([random.uniform(low, high, 250) for low, high in ((-2, 4), (-2, 2), (3, 8))], axis=1)
         model = self.camera.write_model(folder)
         lines = (model / "images.txt").read_text().splitlines()
         for k, number in enumerate(self.camera.numbers):
             words = lines[2 * k + 1].split()
-            turn = cv2.Rodrigues(0.006 * random.normal(size=3))[0]
+            turn = cv2.Rodrigues(0.006 * error * random.normal(size=3))[0]
             turned = turn @ self._rotation(words)
             vector = cv2.Rodrigues(turned)[0].ravel()
             angle = float(np.linalg.norm(vector))
             quaternion = [np.cos(angle / 2), *(np.sin(angle / 2) * vector / angle)]
-            moved = turn @ np.array(list(map(float, words[5:8]))) + 0.03 * random.normal(size=3)
+            moved = turn @ np.array(list(map(float, words[5:8]))) + 0.03 * error * random.normal(size=3)
             words[1:8] = [repr(float(value)) for value in (*quaternion, *moved)]
             lines[2 * k + 1] = " ".join(words)
             lines[2 * k + 2] = " ".join(self._shown(number, places, random))
         (model / "images.txt").write_text("\n".join(lines) + "\n")
-        shifted = places + 0.03 * random.normal(size=places.shape)
+        shifted = places + 0.03 * error * random.normal(size=places.shape)
         text = [f"{k} {x!r} {y!r} {z!r} 9 9 9 0.5 1 {k}" for k, (x, y, z) in enumerate(shifted.tolist())]
         (model / "points3D.txt").write_text("# a remark\n" + "\n".join(text[::-1]) + "\n")
         return model
@@ -127,6 +129,13 @@ def test_what_contradicts_the_points_is_left_alone(tmp_path: Path) -> None:
     assert "not refined: points are" in poses.described()
     for one, other in zip(poses.pictures, without_points(tmp_path).pictures, strict=True):
         assert np.array_equal(one.world_to_camera, other.world_to_camera)
+
+
+def test_pictures_that_were_straightened_better_than_the_motion_says_are_left_alone(tmp_path: Path) -> None:
+    model = Scene(straightened=True, exact=True).write(tmp_path / "sparse")
+    motions = replace(WALK, swing=0.03).write_motions(tmp_path / "motions")
+    poses = unshutter.camera_poses(model, motions, readout_ratio=RATIO, fps=FPS)
+    assert "; not refined: points are 0.0" in poses.described()
 
 
 def test_pictures_with_few_points_keep_their_poses(tmp_path: Path) -> None:

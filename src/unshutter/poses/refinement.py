@@ -89,6 +89,8 @@ def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
     if not neighbours.known.any():
         return unchanged("pictures are more than a second apart")
     used, tests = _chosen(seen, len(rows), len(points))
+    still = _without_motion(before)
+    of_model = errors_px(still, points, tests)  # each picture taken for one moment, as by COLMAP
     if _were_straightened(before, points, used, neighbours):
         seen = _observations(rows, numbers, straightened=True)
         used, tests = _chosen(seen, len(rows), len(points))
@@ -96,13 +98,12 @@ def refined(rows: list[RowPath], model: ColmapPoints) -> Refinement:
     if not has_enough.any() or len(tests.point) < _FEWEST:
         return unchanged("too few points")
     # the bend of a motion that was found in frames may be wrong, and that of a gyro is right: the observations tell
-    unbent = np.zeros_like(before.turn_bends)
-    even = replace(before, turn_bends=unbent, shift_bends=unbent)
+    even = replace(before, turn_bends=still.turn_bends, shift_bends=still.shift_bends)
     trials = [adjusted(paths, points, used, neighbours) for paths in (before, even)]
     errors = [errors_px(*trial, tests) for trial in trials]
     best = int(np.argmin([np.median(each) for each in errors]))
     was = errors_px(before, points, tests)
-    was_px, is_px = float(np.median(was)), float(np.median(errors[best]))
+    was_px, is_px = float(min(np.median(was), np.median(of_model))), float(np.median(errors[best]))
     if not is_px < min(_BETTER * was_px, _WORST_PX):
         return unchanged(f"points are {was_px:.2f} px off, and would be {is_px:.2f}")
     is_better = has_enough & _improved(was, errors[best], tests.picture, len(rows))
@@ -137,6 +138,13 @@ def _paths_of(rows: list[RowPath]) -> Paths:
     turn_bends = rotation_vector(rotation_matrix(-share * turns[:, None]) @ turned)
     shift_bends = positions - positions[:, middle, None] - share * shifts[:, None]
     return Paths(here, positions[:, middle], turns, shifts, turn_bends, shift_bends)
+
+
+def _without_motion(paths: Paths) -> Paths:
+    """Returns paths that stay at the pose of the middle line."""
+    rest = np.zeros_like(paths.turns)
+    straight = np.zeros_like(paths.turn_bends)
+    return replace(paths, turns=rest, shifts=rest, turn_bends=straight, shift_bends=straight)
 
 
 def _neighbours(rows: list[RowPath]) -> Neighbours:
