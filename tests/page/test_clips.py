@@ -145,7 +145,7 @@ def test_what_was_judged_for_the_preview_is_not_judged_again(tmp_path: Path, mon
 
     def counted(module: ModuleType, name: str) -> None:
         real = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *given: asked.append(name) or real(*given))
+        monkeypatch.setattr(module, name, lambda *given, **more: asked.append(name) or real(*given, **more))
 
     counted(questions, "sample_frames")
     counted(gain, "motions_of_parts")

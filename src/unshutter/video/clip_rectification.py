@@ -282,14 +282,16 @@ def _copy(rendering: Rendering, output: _Output, decision: Leave) -> _Written:
         motions = None
         if options.save_motion is not None and not options.only_changed:
             motions = stack.enter_context(_writing_motions(rendering, options.save_motion))
-        if decision.frames is None or motions is not None or options.plot is not None:
+        packets = request.clip.packets() if decision.frames is None else None
+        frames = packets.frames if packets is not None else decision.frames
+        if frames is None or motions is not None or options.plot is not None:
             for moving in watched(rendering):
                 tally.add(moving)
                 if motions is not None:
                     motions.add(*moving.record)
         else:
-            tally.frames = decision.frames
-            tally.reasons[decision.reason] = decision.frames
+            tally.frames = frames
+            tally.reasons[decision.reason] = frames
         if motions is not None:
             motions.end()
         if not options.only_changed:

@@ -1,7 +1,8 @@
 """The decision on a clip, from what was measured of it: its frames are rectified, or it is left for a reason.
 
-All thresholds of this decision stand here. Where measurements of some frames speak against rectifying a clip, all of
-its frames are measured before it is left. Only scenes of one clip that contradict it are found later, as frames are
+All thresholds of this decision stand here, but for what can be seen (gain.py). Where measurements of some frames speak
+against rectifying a clip, more are measured before it is left: all of a clip of some 700 frames, and of a longer one a
+dozen parts, the liveliest among them. Only scenes of one clip that contradict it are found later, as frames are
 rendered (calibrate/scene_check.py).
 """
 
@@ -15,18 +16,18 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.frame_motion import AT_REST, FrameMotion
-from unshutter.motion.shapes import Float64
 from unshutter.motion.verdict import LEAST_PX
 from unshutter.readout_time import ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate import gain
 from unshutter.video.calibrate.camera import ClipCamera, find_camera
 from unshutter.video.calibrate.gain import TALL, Gain, StepSizes
+from unshutter.video.calibrate.questions import READOUT_TIME, most_parts
 from unshutter.video.calibrate.readout_time import largest_displacement_px
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.clip import Clip, ClipRequest
 from unshutter.video.file.motion_file import ClipMotion, load_clip_motion
-from unshutter.video.file.stages import Stage
+from unshutter.video.file.stages import Stage, Steps
 
 NO_FRAMES = "{clip} has no frames in this part"
 
@@ -36,9 +37,6 @@ class DecisionParams:
     """Thresholds of the decision (docs/research/clips.md; lab/benchmarks/real_clips.py)."""
 
     rounding_px: float = 0.05  # by which a displacement must be less than half a pixel to be rounded to less
-    visible_px: float = 0.5  # px of 1080 rows at most: a smaller displacement cannot be seen
-    most_frames: int = 90  # per cent of frames in which it is smaller
-    briefly_visible_px: float = 2.0  # px: unless it is as large as this in one of the others
     follows: float = 0.5  # least correlation of the lean with the speed
     slack_px: float = 0.1  # px of 1080 rows, by which steps may grow besides
     may_grow: float = 1.1  # times: by which large steps may grow
@@ -49,7 +47,7 @@ class DecisionParams:
     # change of a displacement from frame to frame, as a share of it: below that, the camera moved evenly
     even: float = 0.125
     # wobble that is left, as a share: a smaller gain is not worth the sharpness that resampling costs
-    pays: float = 0.95
+    pays: float = 0.93
 
 
 _PARAMS = DecisionParams()
@@ -90,7 +88,7 @@ def calibrate_and_decide(request: ClipRequest) -> tuple[ClipRequest, ClipCamera,
 
 
 def decide(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Decision:
-    """Decides on a clip from some of its frames; all of them are examined before it is left.
+    """Decides on a clip from some of its frames; more of them are examined before it is left.
 
     Raises:
         UnshutterError: the part that the user selected has no frames.
@@ -98,15 +96,26 @@ def decide(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> 
     decision = _by_frames(request, camera, sampled)
     if isinstance(decision, RectifyFrames) or why_unfit(camera) is not None or sampled.is_whole:
         return decision
-    span_s = request.options.start, request.options.end
-    request.work.expect({Stage.SURVEY_ALL: request.frames} | gain.expected(request, request.frames, request.frames))
-    every = sample_frames(request, [span_s], request.steps("looking"), Stage.SURVEY_ALL)
+    if decision.reason.code is Code.NOTHING_TO_SEE and sampled.has_liveliest:
+        return decision
+    parts_s, has_liveliest = most_parts(request)
+    frames = min(request.frames, sum(READOUT_TIME.frames))
+    request.work.expect({Stage.SURVEY_ALL: frames} | gain.expected(request, frames, frames))
+    steps = Steps(request.work, "looking", frames)
+    every = sample_frames(request, parts_s, steps, Stage.SURVEY_ALL, known=sampled.by_time)
     request.work.expect({Stage.SURVEY_ALL: 0})
-    return _by_frames(request, camera, every.through(camera.lens))
+    every = replace(every, has_liveliest=has_liveliest).through(camera.lens)
+    return _by_frames(request, camera, every, len(every.parts))
 
 
-def _by_frames(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames) -> Decision:
-    """Decides by what tracked frames show."""
+def _by_frames(
+    request: ClipRequest, camera: ClipCamera, sampled: SampledFrames, most_runs: int = gain.RUNS
+) -> Decision:
+    """Decides by what tracked frames show.
+
+    Args:
+        most_runs: series of frames whose motion is found, unless all are sampled.
+    """
     if sampled.is_whole and not sampled.parts:
         raise UnshutterError(NO_FRAMES, clip=request.clip.path)
     time = camera.readout_time
@@ -118,7 +127,7 @@ def _by_frames(request: ClipRequest, camera: ClipCamera, sampled: SampledFrames)
             return Leave(Reason.of(Code.NOTHING_TO_SEE, px=max(round(largest_px, 1), 0.1)), frames)
     reason = why_unfit(camera)
     if reason is None and time.source is not ReadoutSource.GIVEN and gain.is_tested(request.options):
-        measured, motions = _measured(request, camera, sampled)
+        measured, motions = _measured(request, camera, sampled, most_runs)
         reason = why_no_gain(measured)
         if reason is None:
             times_s = [frame.time_s for frame in sampled.frames]
@@ -157,7 +166,7 @@ def why_unfit(camera: ClipCamera) -> Reason | None:
     unrevealed = time.instead_of
     if unrevealed is None or camera.stabilised is not None:
         return unrevealed and camera.stabilised
-    if unrevealed.code in (Code.READ_AT_ONCE, Code.NO_WOBBLE):
+    if unrevealed.code in (Code.READ_AT_ONCE, Code.NO_WOBBLE, Code.NO_VISIBLE_DISTORTION):
         return unrevealed
     shown = camera.shown
     at_rest = dict(unrevealed.figures).get("because") in AT_REST
@@ -170,13 +179,13 @@ def why_unfit(camera: ClipCamera) -> Reason | None:
 
 
 def _measured(
-    request: ClipRequest, camera: ClipCamera, sampled: SampledFrames
+    request: ClipRequest, camera: ClipCamera, sampled: SampledFrames, most_runs: int
 ) -> tuple[Gain, Sequence[FrameMotion] | None]:
     """Returns what a clip gains by some of its frames or, before it is left, by all; and the motion of all or None."""
     known = camera.readout_time, camera.gyro and camera.gyro.rotations
     undo = request.options.undo
     if not sampled.is_whole:
-        runs = sampled.runs(gain.RUNS, gain.RUN)
+        runs = sampled.runs(most_runs, gain.RUN)
         return Gain.of(gain.motions_of_parts(request, *known, runs), undo), None
     is_long = len(sampled.parts[0]) > gain.ALL
     stage = Stage.JUDGE_ALL if is_long else Stage.JUDGE
@@ -198,7 +207,7 @@ def why_no_gain(measured: Gain, sure: float = _PARAMS.sure) -> Reason | None:
     """
     if measured.frames == measured.reasons.total():
         return measured.reasons.most_common(1)[0][0] if measured.reasons else None
-    if 2 * len(measured.displaced_px) >= measured.frames and not is_visible(measured.displaced_px):
+    if 2 * len(measured.displaced_px) >= measured.frames and not gain.is_visible(measured.displaced_px):
         return Reason(Code.NO_VISIBLE_DISTORTION)
     if measured.steps.follow < _PARAMS.follows:
         return Reason.of(Code.LEANS_OTHERWISE, correlation=round(measured.steps.follow, 2))
@@ -230,9 +239,3 @@ def _are_worse(after: StepSizes, before: StepSizes, slack: float) -> bool:
     once = _PARAMS.may_grow_once if after.usual < before.usual / 2 else _PARAMS.may_grow
     grows = after.usual > _PARAMS.may_grow * before.usual + slack or after.largest > once * before.largest + slack
     return grows or after.rms > max(before.rms, slack)
-
-
-def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
-    """Whether anyone can see a displacement of this size [px, of at most 1080 rows]."""
-    most = np.percentile(displaced_px, _PARAMS.most_frames)
-    return bool(most >= _PARAMS.visible_px or np.max(displaced_px) >= _PARAMS.briefly_visible_px)

@@ -19,6 +19,7 @@ from unshutter.readout_time import ReadoutRatio, ReadoutTime
 from unshutter.reasons import Code, Reason
 from unshutter.video.calibrate import clip_gyro
 from unshutter.video.calibrate.clip_gyro import ClipGyro, gyro_in_frames
+from unshutter.video.calibrate.first_look import is_invisible, is_quiet
 from unshutter.video.calibrate.lenses import lens_of_clip
 from unshutter.video.calibrate.questions import FIRST_LOOK, Log, ask, first_look, open_question
 from unshutter.video.calibrate.readout_regression import Regression
@@ -148,6 +149,10 @@ def _time_of(
         return replace(usual, instead_of=Reason(Code.READ_AT_ONCE))
     if shown is not None and shown.is_likely and shown.rows.ratio < 0:  # the other way, but that is not certain
         return replace(usual, instead_of=Reason(Code.NO_WOBBLE))
+    if shown is not None and is_quiet(sampled, shown):
+        return replace(usual, instead_of=Reason(Code.NO_WOBBLE))
+    if shown is not None and is_invisible(sampled, shown):
+        return replace(usual, instead_of=Reason(Code.NO_VISIBLE_DISTORTION))
     try:
         time = readout_time_in_frames(request, sampled)
         _check_agreement(time.ratio(interval_s), shown)

@@ -44,6 +44,9 @@ _MIN_TRACKS = 12  # tracks of a pair of frames that counts
 TALL = 1080  # px: displacements are judged in a picture whose short side has this many
 _MIN_STEPS = 15  # pairs of frames, below which their steps say nothing
 _MOVES_PX = 0.5  # speed of the picture [px of 1080 rows per frame], root mean square: below that, frames do not lean
+_VISIBLE_PX = 0.5  # px of 1080 rows at most: a smaller displacement cannot be seen
+_MOST_FRAMES = 90  # per cent of frames in which it is smaller,
+_BRIEFLY_VISIBLE_PX = 2.0  # px: unless it is as large as this in one of the others
 SOLVED = 11  # how often a pair of frames is part of a fit, usually
 
 
@@ -238,6 +241,12 @@ def _usual(squared: Float64[np.ndarray, "tracks"]) -> float:
 def is_tested(options: RectifyClip) -> bool:
     """Whether the gain decides on a clip, if the user does not state its readout time."""
     return options.undo.model == "camera" and 0 < options.undo.strength <= 1
+
+
+def is_visible(displaced_px: Sequence[float] | Float64[np.ndarray, "frames"]) -> bool:
+    """Whether anyone can see a displacement of this size [px, of at most 1080 rows]."""
+    most = np.percentile(displaced_px, _MOST_FRAMES)
+    return bool(most >= _VISIBLE_PX or np.max(displaced_px) >= _BRIEFLY_VISIBLE_PX)
 
 
 def expected(request: ClipRequest, sampled: int, all_frames: float) -> dict[Stage, int]:

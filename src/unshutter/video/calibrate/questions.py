@@ -5,14 +5,13 @@ The first question that is open decides: it needs the most frames, and these ans
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TypeAlias
-
-import numpy as np
 
 from unshutter.video.calibrate import clip_gyro, gain, lenses
 from unshutter.video.calibrate import readout_time as readout
+from unshutter.video.calibrate.first_look import Parts, look_first, shows_nothing, spread, with_liveliest
 from unshutter.video.calibrate.readout_time import listed_time
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.clip import ClipRequest
@@ -21,7 +20,6 @@ from unshutter.video.gyro.gyro_log import GyroLog
 
 FIRST_LOOK = 40  # frames that show whether some are repeated
 Log: TypeAlias = GyroLog | clip_gyro.ClipGyro | None
-Parts: TypeAlias = Sequence[tuple[float | None, float | None]]  # begin and end of each [s]; None: no limit
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,8 @@ class Question:
     name: str = ""  # of the progress, if frames are counted
     fits: int = 0  # how often a pair of frames is part of a fit, usually
     all_of: int = 0  # frames: of a clip that has no more, all are asked
-    # a first look at fewer frames: every such part, or so many frames at the beginning; and whether these are enough
+    looks_first: bool = False  # whether a clip may be left after a first look (first_look.py)
+    # a look at fewer frames: every such part, or so many frames at the beginning; and whether these are enough
     every: int = 0
     first: int = 0
     is_answered: Callable[[SampledFrames], bool] = lambda sampled: True
@@ -60,6 +59,7 @@ READOUT_TIME = Question(
     frames=(readout.PART + 1,) * readout.MOST_PARTS,
     name="readout time",
     fits=readout.SOLVED,
+    looks_first=True,
     every=3,
     is_answered=_is_time_certain,
 )
@@ -85,9 +85,11 @@ def open_question(request: ClipRequest, log: Log) -> tuple[Question, Parts]:
         starts_s = clip_gyro.lively_parts(request, log)
         length_s = (clip_gyro.PART - 0.5) * request.clip.camera_step_s
         return question, everything if starts_s is None else [(start, start + length_s) for start in starts_s]
+    if question.looks_first and isinstance(log, GyroLog):  # the log shows what frames do not
+        question = replace(question, looks_first=False)
     if _frames_in(request, [request.span]) <= question.all_of:
         return question, everything
-    return question, _spread(request, question.frames)
+    return question, spread(request, question.frames)
 
 
 def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFrames:
@@ -105,33 +107,33 @@ def ask(request: ClipRequest, question: Question, parts_s: Parts) -> SampledFram
         judging = gain.expected(request, min(frames, gain.ALL), all_frames)
     again = 0 if is_whole or not judging[Stage.JUDGE] else round(all_frames)
     request.work.expect(searches | {Stage.SURVEY_ALL: again} | judging)
+    seen = look_first(request) if question.looks_first else SampledFrames()
+    if shows_nothing(request, seen):
+        request.work.expect(dict.fromkeys(searches, 0))
+        return seen
     steps = Steps(request.work, question.name, frames) if question.name else None
-    first_s = _spread(request, [question.first])[:1] if question.first else []
+    first_s = spread(request, [question.first])[:1] if question.first else []
     if question.every and len(parts_s) == len(question.frames):
         first_s = parts_s[1 :: question.every]
     if not first_s:
-        return sample_frames(request, parts_s, steps)
-    first = sample_frames(request, first_s, steps)
+        return sample_frames(request, parts_s, steps, known=seen.by_time)
+    first = sample_frames(request, first_s, steps, known=seen.by_time)
     others_s = [part for part in parts_s if part not in first_s]
     if question.is_answered(first) or not others_s:
         request.work.expect(dict.fromkeys(searches, 0))
         return first
-    others = sample_frames(request, others_s, steps)
+    others = sample_frames(request, others_s, steps, known=seen.by_time)
     return others if len(others_s) == len(parts_s) else first.with_parts(others)
+
+
+def most_parts(request: ClipRequest) -> tuple[Parts, bool]:
+    """Returns the most of a clip that is looked at before it is left, and whether its liveliest part is among it."""
+    return with_liveliest(request, spread(request, READOUT_TIME.frames))
 
 
 def first_look(request: ClipRequest) -> Parts:
     """Returns the part of a clip by which repeated frames are noticed if no question asks as many."""
-    return _spread(request, [FIRST_LOOK])
-
-
-def _spread(request: ClipRequest, frames: Sequence[int]) -> Parts:
-    """Returns parts of so many frames, spread evenly over what the user selected; all of it if that is hardly more."""
-    (begin, end), interval_s = request.span, request.clip.camera_step_s
-    if end - begin < 1.1 * sum(frames) * interval_s:
-        return [(request.options.start, request.options.end)]
-    starts = np.linspace(begin, end - 1.1 * frames[-1] * interval_s, len(frames)).tolist() if frames else []
-    return [(start, start + (many - 0.5) * interval_s) for start, many in zip(starts, frames, strict=True)]
+    return spread(request, [FIRST_LOOK])
 
 
 def _frames_in(request: ClipRequest, parts_s: Parts) -> int:

@@ -193,7 +193,22 @@ class Regression:
     columns: Estimate  # read one after another, from the left; negative: from the right
     spread: float  # scatter of t where the path is shifted in time; 1 where errors are as large as they seem
     pairs: int  # pairs of frames that count
-    wobble_px: float  # root mean square of what the ratio explains from frame to frame, at the top and bottom rows [px]
+    change_px: float  # root mean square of what a ratio of 1 would explain, at the top and bottom rows [px]
+
+    @property
+    def wobble_px(self) -> float:
+        """What the ratio explains from frame to frame, root mean square at the top and bottom rows [px]."""
+        return abs(self.rows.ratio) * self.change_px
+
+    @property
+    def most_ratio(self) -> float:
+        """The largest ratio, of either sign, that the frames leave possible."""
+        return abs(self.rows.ratio) + 2 * self.error
+
+    @property
+    def most_wobble_px(self) -> float:
+        """What that ratio explains [px]."""
+        return self.most_ratio * self.change_px
 
     @property
     def error(self) -> float:
@@ -265,8 +280,7 @@ def regression(runs: Sequence[Run]) -> Regression | None:
     )
     rows, columns, *others = map(Estimate, ratios.tolist(), errors.tolist())
     spread = float(np.sqrt(np.mean(np.square([other.t for other in others]))))
-    wobble = abs(rows.ratio) * float(np.sqrt(2 * np.mean(changes**2)))
-    return Regression(rows, columns, spread, pairs, wobble)
+    return Regression(rows, columns, spread, pairs, float(np.sqrt(2 * np.mean(changes**2))))
 
 
 def _turned(run: Run) -> Run:

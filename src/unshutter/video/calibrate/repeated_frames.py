@@ -35,6 +35,7 @@ class ConversionParams:
 
     missing: tuple[str, ...] = ("5/4", "6/5", "25/24", "5/2", "12/5", "25/12", "5/3")  # 30 to 24, 60 to 24 ...
     fewest_pairs: int = 40  # between frames that tell whether some are missing
+    least_px: float = 0.1  # per frame, in the median: a picture that moves less may be at rest
     smoother: float = 0.75  # the speed then varies less than this, as a share (0.93 in real clips, at least)
     distinct: float = 0.9  # and less than this share of how it does with any other pattern
 
@@ -99,6 +100,8 @@ def _hits(share: Fraction, judged: Sequence[tuple[np.ndarray, np.ndarray]]) -> i
 def _with_gaps(clip: Clip, sampled: SampledFrames) -> CameraClock | None:
     runs = [run for each in zip(sampled.parts, sampled.motions, strict=True) for run in _speeds(clip, *each)]
     if sum(len(speeds) for _, speeds in runs) < _PARAMS.fewest_pairs:
+        return None
+    if np.median(np.concatenate([np.hypot(*speeds.T) for _, speeds in runs])) < _PARAMS.least_px:
         return None
     as_shown = _unevenness(clip.clock, runs)
     shares = map(Fraction, _PARAMS.missing)

@@ -6,7 +6,7 @@ pair of frames takes some kilobytes, so that those of all parts are kept.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -46,6 +46,7 @@ class SampledFrames:
 
     parts: Sequence[Sequence[TrackedFrame]] = ()  # not empty themselves
     is_whole: bool = False  # whether it is one part, of all frames that the user selected
+    has_liveliest: bool = False  # whether the part in which most moves is among them (first_look.py)
 
     @property
     def frames(self) -> Iterator[TrackedFrame]:
@@ -127,6 +128,7 @@ def sample_frames(
     steps: Steps | None = None,
     stage: Stage = Stage.SURVEY,
     is_followed: bool = True,
+    known: Mapping[float, Tracks] | None = None,
 ) -> SampledFrames:
     """Decodes parts of a clip, and tracks corners in them.
 
@@ -135,7 +137,9 @@ def sample_frames(
         steps: counts the frames.
         stage: as what they are counted.
         is_followed: whether corners are tracked.
+        known: tracks from the frame before, by the time of a frame [s], that were found earlier.
     """
+    known = known or {}
     parts = []
     for start, end in parts_s:
         part = []
@@ -150,7 +154,8 @@ def sample_frames(
             tracked = TrackedFrame(request.clip.camera_time(frame))
             if grey_before is not None:
                 since = request.clip.since(before, frame)
-                tracks = follow(grey_before, grey) if is_followed else None
+                tracks = known.get(tracked.time_s)
+                tracks = follow(grey_before, grey) if tracks is None and is_followed else tracks
                 tracked = TrackedFrame(tracked.time_s, since, tracks, plane_before, changes.px)
             part.append(tracked)
             request.work.advance(stage)

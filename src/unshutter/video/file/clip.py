@@ -16,6 +16,7 @@ from unshutter.orientation import ScanDirection
 from unshutter.progress import SILENT, ClipObserver
 from unshutter.video.file.camera_clock import CameraClock
 from unshutter.video.file.camera_tags import CameraTags
+from unshutter.video.file.packets import Packets
 from unshutter.video.file.pixels import Frame, PixelFormat, small_grey
 from unshutter.video.file.stages import Stage, Steps, Work
 
@@ -51,6 +52,10 @@ class Clip(ABC):
     @abstractmethod
     def frames_between(self, start: float | None = None, end: float | None = None) -> Generator[Frame]:
         """Yields the frames between two times [s] in presentation order; None means no limit."""
+
+    def packets(self) -> Packets | None:
+        """Returns the packets of its frames; None if there are none, or to know them takes too long."""
+        return None
 
     @property
     def picture_size(self) -> tuple[int, int]:

@@ -25,6 +25,7 @@ from unshutter.video.file.camera_tags import CameraTags
 from unshutter.video.file.clip import Clip
 from unshutter.video.file.containers import COVER, ExpectedLength, Extent, FirstTimes, FrameTiming, VideoFile
 from unshutter.video.file.dynamic_hdr import DolbyVision
+from unshutter.video.file.packets import Packets
 from unshutter.video.file.pixels import COLOURS, FULL_RANGE, PixelFormat
 
 if TYPE_CHECKING:
@@ -112,6 +113,12 @@ class ClipFacts(Clip):
         """Opens the file and yields the frames between two times [s] in presentation order; None means no limit."""
         with self.opened() as file:
             yield from self.decode(file, start, end)
+
+    def packets(self) -> Packets | None:
+        """Returns the packets of its frames; None if its file has no index and is large, or cannot be read."""
+        with suppress(UnshutterError), self.opened() as file:
+            return Packets.of(file, self.frames or round(self.duration_s / self.interval_s))
+        return None
 
     def some_frames(self) -> Iterator[VideoFrame]:
         """Yields frames from the beginning and, if the file has an index, key frames spread over the clip."""

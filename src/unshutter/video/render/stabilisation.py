@@ -27,8 +27,7 @@ from unshutter.motion.verdict import undone_part
 from unshutter.options.clip_options import ClipUndo, Steadiness
 from unshutter.orientation import ScanDirection
 from unshutter.reasons import JsonObject, Reason
-from unshutter.video.calibrate.gain import TALL
-from unshutter.video.decision import is_visible
+from unshutter.video.calibrate.gain import TALL, is_visible
 from unshutter.video.file.row_samples import ROWS, RowSamples
 from unshutter.video.render.views import SteadyView, borders_of, margins, zoom_needed
 
