@@ -26,7 +26,7 @@ class TrackParams:
     window: int = 21  # px, side of the windows that are compared
     halved: int = 240  # px, short side from which on corners are those of a copy of half the size
     levels: int = 4  # of the pyramid of Lucas-Kanade
-    levels_back: int = 1  # of that backwards, whose start is where it should end
+    levels_back: int = 2  # of that backwards, whose start is where it should end
     returns_px: float = 0.3  # largest forward-backward error
     compared: int = 50  # windows of a pair, at most, that are compared first
     alike: float = 0.5  # mean correlation of windows: above it, two frames show one scene (noise alone: at most 0.3)
