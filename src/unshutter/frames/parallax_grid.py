@@ -20,7 +20,7 @@ from unshutter.motion.shapes import Bool, Float64
 _REACH = 5.0  # frames, within which tracks count
 _BEND = 1.0  # weight of the grid's bends, against that of a track
 _RIDGE = 1e-3  # of a node without tracks
-_BORNE = 0.5  # of the squared error that a grid must leave of tracks that had no part in it, at most
+_BORNE = 0.58  # of the squared error that a grid must leave of tracks that had no part in it, at most
 
 
 @dataclass(frozen=True, eq=False)

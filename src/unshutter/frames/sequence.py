@@ -36,6 +36,7 @@ SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
 _STIFFNESS_EVERY = 96  # frames
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
+_STEADY = 1.0  # stiffness of a hand's path
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
 
 
@@ -212,7 +213,11 @@ class CameraMotion:
         """
         fit = problem.fit(ratio.value, stiffness, near)
         is_long = len(problem.pairs) >= _LONG_ENOUGH
-        if not is_long or self.known_rotations is not None or not problem.shows_parallax(fit, ratio.value):
+        if not is_long or self.known_rotations is not None:
+            return problem, fit
+        # a path that swings within each frame imitates depth
+        stiffer = fit if fit.stiffness >= _STEADY else problem.fit(ratio.value, _STEADY)
+        if not problem.shows_parallax(stiffer, ratio.value):
             return problem, fit
         focal = self._found_focal(problem.pairs, ratio, has_parallax=True) if is_found else problem.focal_px
         problem = replace(problem, focal_px=focal, has_parallax=True)
