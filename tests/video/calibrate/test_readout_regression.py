@@ -6,6 +6,7 @@ import pytest
 from support import clips
 from support.hand_held import hand
 from unshutter.frames.tracks import Tracks
+from unshutter.motion.rotations import rotation_matrix
 from unshutter.options.clip_options import RectifyClip
 from unshutter.orientation import ScanDirection
 from unshutter.reasons import Code, Reason
@@ -49,6 +50,34 @@ def test_ratio_and_direction_of_drawn_tracks(ratio):
     found = regression(runs_of(pairs_of(ratio), HEIGHT / WIDTH))
     assert found is not None and found.is_sure and not found.is_none and not found.is_turned
     assert found.rows.ratio == pytest.approx(ratio, rel=0.08)
+
+
+def test_the_focal_length_tells_how_much_faster_the_sides_move_than_the_middle():
+    """Of a camera that rotates: without the focal length, the ratio is too large by as much."""
+    focal, ratio, rng = 0.9 * HEIGHT, 0.6, np.random.default_rng(0)
+
+    def seen(rays, at):
+        turned = np.einsum("nij,nj->ni", rotation_matrix(np.stack([*(path(at) / focal / 4).T, 0 * at], axis=-1)), rays)
+        return turned[:, :2] / turned[:, 2:] * focal + [WIDTH / 2, HEIGHT / 2]
+
+    pairs = []
+    for k in range(PAIRS):
+        where = rng.uniform([-40, -40], [WIDTH + 40, HEIGHT + 40], (400, 2)) - [WIDTH / 2, HEIGHT / 2]
+        rays = np.concatenate([where / focal, np.ones((400, 1))], axis=1)
+        ends = []
+        for frame in (k, k + 1):
+            row = np.full(400, HEIGHT / 2)
+            for _ in range(20):
+                there = seen(rays, frame + ratio * (row / HEIGHT - 0.5))
+                row = there[:, 1]
+            ends.append(there + rng.normal(0, 0.05, there.shape))
+        inside = (ends[0] > 0).all(axis=1) & (ends[0] < [WIDTH, HEIGHT]).all(axis=1)
+        pairs.append(Tracks(ends[0][inside], ends[1][inside], HEIGHT, WIDTH, 400))
+    motions = [PairMotion.of(pairs), PairMotion.of(pairs, focal / HEIGHT)]
+    alone, known = (regression(runs_of([(each, 1.0) for each in some], HEIGHT / WIDTH)) for some in motions)
+    assert alone is not None and known is not None
+    assert alone.rows.ratio > 1.1 * ratio
+    assert known.rows.ratio == pytest.approx(ratio, rel=0.04)
 
 
 def test_depth_is_not_mistaken_for_a_rolling_shutter():

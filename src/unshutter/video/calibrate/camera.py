@@ -23,7 +23,12 @@ from unshutter.video.calibrate.first_look import is_invisible, is_quiet
 from unshutter.video.calibrate.lenses import lens_of_clip
 from unshutter.video.calibrate.questions import FIRST_LOOK, Log, ask, first_look, open_question
 from unshutter.video.calibrate.readout_regression import Regression
-from unshutter.video.calibrate.readout_time import listed_time, readout_time_in_frames, usual_time
+from unshutter.video.calibrate.readout_time import (
+    focal_in_frames,
+    listed_time,
+    readout_time_in_frames,
+    usual_time,
+)
 from unshutter.video.calibrate.repeated_frames import clock_in_frames
 from unshutter.video.calibrate.sampled_frames import SampledFrames, sample_frames
 from unshutter.video.file.camera_clock import CameraClock
@@ -142,9 +147,9 @@ def _time_of(
     if listed is not None and listed.plausible_s is None:
         return _compared(listed, shown, interval_s)
     usual = listed or usual_time(request)
-    # no readout takes longer than a frame, but regression is some per cent too high
+    # no readout takes longer than a frame, but regression with a long focal length is some per cent too high
     if shown is not None and (shown.is_sure or shown.is_likely) and 0 < shown.rows.ratio < 1.05:
-        return shown.readout_ratio.seconds(interval_s)
+        return _with_focal(request, sampled, shown).readout_ratio.seconds(interval_s)
     if shown is not None and shown.is_none:
         return replace(usual, instead_of=Reason(Code.READ_AT_ONCE))
     if shown is not None and shown.is_likely and shown.rows.ratio < 0:  # the other way, but that is not certain
@@ -159,6 +164,12 @@ def _time_of(
         return time
     except UnknownRatioError as error:
         return replace(usual, instead_of=error.reason)
+
+
+def _with_focal(request: ClipRequest, sampled: SampledFrames, shown: Regression) -> Regression:
+    """Returns a regression of the same frames by the camera's focal length, as it is known or found in them."""
+    focal = request.focal or focal_in_frames(sampled, min(max(shown.rows.ratio, 0.05), 1.0))
+    return (focal and sampled.regression_with_focal(focal)) or shown
 
 
 def _check_agreement(found: ReadoutRatio, shown: Regression | None) -> None:

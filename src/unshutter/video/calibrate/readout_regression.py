@@ -52,9 +52,8 @@ class RegressionParams:
     none: float = 0.05  # ratio below which there is none
     none_error: float = 0.02  # largest standard error of a ratio that is none
     would_show: float = 0.15  # error at which any readout would show
-    # of the ratio, where errors are small: a spline misses fast shaking, and the middle of the picture moves more
-    # slowly than its sides (14 rendered clips: off by 9 %, root mean square, and 7 % too large on average)
-    model_error: float = 0.08
+    # of the ratio, where errors are small: a spline misses fast shaking, and a focal length that is found is not exact
+    model_error: float = 0.05
 
 
 _PARAMS = RegressionParams()
@@ -73,20 +72,23 @@ class PairMotion:
         return float(np.hypot(*self.shift) + np.hypot(*self.shape)) > _PARAMS.repeated_px
 
     @classmethod
-    def through_lens(cls, pairs: Sequence[Tracks]) -> list[PairMotion | None]:
+    def through_lens(cls, pairs: Sequence[Tracks], focal: float | None = None) -> list[PairMotion | None]:
         """Returns the motions as a lens shows them that keeps lines straight; None where tracks are too few."""
-        return cls.of(
-            [replace(pair, start=straightened(pair.start, pair), end=straightened(pair.end, pair)) for pair in pairs]
-        )
+        seen = [replace(pair, start=straightened(pair.start, pair), end=straightened(pair.end, pair)) for pair in pairs]
+        return cls.of(seen, focal)
 
     @classmethod
-    def of(cls, pairs: Sequence[Tracks]) -> list[PairMotion | None]:
-        """Returns the motions that most tracks support; None where they are too few, or all in a narrow strip."""
+    def of(cls, pairs: Sequence[Tracks], focal: float | None = None) -> list[PairMotion | None]:
+        """Returns the motions that most tracks support; None where they are too few, or all in a narrow strip.
+
+        Args:
+            focal: focal length [heights of the frame]; None: a very long one.
+        """
         enough = [k for k, pair in enumerate(pairs) if _are_enough(pair)]
         motions: list[PairMotion | None] = [None] * len(pairs)
         if enough:
-            for k, fitted in zip(enough, _fitted([pairs[k] for k in enough]), strict=True):
-                motions[k] = cls(fitted[[0, 3]], np.array([fitted[2] + fitted[4], fitted[5] - fitted[1]]))
+            for k, fitted in zip(enough, _fitted([pairs[k] for k in enough], focal), strict=True):
+                motions[k] = cls(fitted[:2], fitted[4:6])
         return motions
 
 
@@ -94,8 +96,12 @@ def _are_enough(pair: Tracks) -> bool:
     return len(pair) >= _PARAMS.min_tracks and np.ptp(pair.start[:, 1]) >= _PARAMS.least_spread * (pair.height - 1)
 
 
-def _fitted(pairs: Sequence[Tracks]) -> Float64[np.ndarray, "pairs 8"]:
-    """Fits the motion of a plane to the tracks of each pair: displacement across (1, x, y), then down, and x^2, x y."""
+def _fitted(pairs: Sequence[Tracks], focal: float | None) -> Float64[np.ndarray, "pairs 8"]:
+    """Fits to the tracks of each pair: shift across and down, roll, zoom, skew, stretch, and two of a plane's tilt.
+
+    Skew is what a rotation of the camera adds whose speed across changes from row to row; stretch, whose speed down
+    does. With a short focal length, they move the sides of the picture more than its middle.
+    """
     ends, used = padded_ends(pairs)
     moved = ends[1] - ends[0]
     sizes = np.array([(pair.width, pair.height) for pair in pairs], np.float64)
@@ -103,8 +109,9 @@ def _fitted(pairs: Sequence[Tracks]) -> Float64[np.ndarray, "pairs 8"]:
     x, y = np.moveaxis((ends[0] - sizes[:, None] / 2) / half[:, None, None], -1, 0)
     none = np.zeros_like(x)
     one = np.ones_like(x)
-    across = np.stack([one, x, y, none, none, none, x * x, x * y], axis=-1)
-    down = np.stack([none, none, none, one, x, y, x * y, y * y], axis=-1)
+    bent = 0.0 if focal is None else y / (2 * focal) ** 2  # of rows [half heights]
+    across = np.stack([one, none, -y, x, y + bent * x * x, bent * x * y, x * x, x * y], axis=-1)
+    down = np.stack([none, one, x, y, bent * x * y, y + bent * y * y, x * y, y * y], axis=-1)
     rows = np.stack([across, down], axis=2)
     weights = used.astype(np.float64)
     unknowns = np.zeros((len(pairs), 8))

@@ -14,7 +14,7 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
-from unshutter.frames.self_calibration import focal_from_motion, is_copy, ratio_from_motion
+from unshutter.frames.self_calibration import fewer, focal_from_motion, is_copy, ratio_from_motion
 from unshutter.frames.tracks import GUESSED_RATIO, Tracks
 from unshutter.readout_time import ReadoutRatio, ReadoutSource, ReadoutTime
 from unshutter.reasons import Code, Reason
@@ -91,6 +91,14 @@ def readout_time_in_frames(request: ClipRequest, sampled: SampledFrames) -> Read
     if not ratios:
         raise unknown.of_clip()
     return agreed(ratios).seconds(request.clip.camera_interval_s)
+
+
+def focal_in_frames(sampled: SampledFrames, ratio: float) -> float | None:
+    """Returns the focal length that tracked frames show [heights of the frame]; None if they are too few."""
+    run = max(map(_longest_run, sampled.parts), key=lambda run: len(run.pairs), default=_Run())
+    if len(run.pairs) < _MIN_PAIRS:
+        return None
+    return focal_from_motion([fewer(pair) for pair in run.pairs[: PART // 2]], ratio) / ROWS
 
 
 def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:

@@ -61,20 +61,25 @@ class SampledFrames:
     @cached_property
     def motions(self) -> list[list[PairMotion | None]]:
         """Motion of the picture to each frame of each part but its first, through a lens that keeps lines straight."""
+        return self._motions(None)
+
+    def _motions(self, focal: float | None) -> list[list[PairMotion | None]]:
         found = []
         for part in self.parts:
             planes = [frame.background for frame in part[1:]]
-            motions = iter(
-                PairMotion.through_lens([each.tracks for each in planes if each is not None and each.joined])
-            )
+            tracks = [each.tracks for each in planes if each is not None and each.joined]
+            motions = iter(PairMotion.through_lens(tracks, focal))
             found.append([next(motions) if each is not None and each.joined else None for each in planes])
         return found
 
     @cached_property
     def pair_runs(self) -> list[Run]:
         """The pairs of consecutive frames whose motion is known."""
+        return self._pair_runs(self.motions)
+
+    def _pair_runs(self, found: Sequence[Sequence[PairMotion | None]]) -> list[Run]:
         runs: list[Run] = []
-        for part, motions in zip(self.parts, self.motions, strict=True):
+        for part, motions in zip(self.parts, found, strict=True):
             tracks = next((frame.tracks for frame in part if frame.tracks is not None), None)
             if tracks is not None:
                 pairs = zip(motions, (frame.since for frame in part[1:]), strict=True)
@@ -83,8 +88,15 @@ class SampledFrames:
 
     @cached_property
     def regression(self) -> Regression | None:
-        """The readout ratio that the regression of all frames shows; None if they are too few."""
+        """The readout ratio that the regression of all frames shows; None if they are too few.
+
+        The focal length is taken for a very long one, which makes the ratio up to a sixth too large.
+        """
         return regression(self.pair_runs)
+
+    def regression_with_focal(self, focal: float) -> Regression | None:
+        """Returns the same with a focal length [heights of the frame]."""
+        return regression(self._pair_runs(self._motions(focal)))
 
     def px_of(self, rows: int) -> float | None:
         """Returns how many px of a clip with these rows a tracked copy's px is; None if nothing was tracked."""
