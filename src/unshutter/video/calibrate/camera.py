@@ -36,6 +36,7 @@ from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.gyro_log import GyroLog
 
+_LEAST = 0.7  # share of a ratio that a focal length leaves of it, at least
 _UNLIKE, _FAR = 0.15, 3.0  # share, and standard errors, by which two readout times differ
 
 
@@ -163,13 +164,18 @@ def _time_of(
         _check_agreement(time.ratio(interval_s), shown)
         return time
     except UnknownRatioError as error:
+        if shown is not None and shown.wobbles and shown.would_show and shown.rows.ratio < 1.05:
+            # unsure, but less so than a usual time
+            return _with_focal(request, sampled, shown).readout_ratio.seconds(interval_s)
         return replace(usual, instead_of=error.reason)
 
 
 def _with_focal(request: ClipRequest, sampled: SampledFrames, shown: Regression) -> Regression:
     """Returns a regression of the same frames by the camera's focal length, as it is known or found in them."""
     focal = request.focal or focal_in_frames(sampled, min(max(shown.rows.ratio, 0.05), 1.0))
-    return (focal and sampled.regression_with_focal(focal)) or shown
+    known = None if focal is None else sampled.regression_with_focal(focal)
+    is_alike = known is not None and _LEAST < known.rows.ratio / shown.rows.ratio < 1 + _UNLIKE
+    return known if known is not None and is_alike else shown
 
 
 def _check_agreement(found: ReadoutRatio, shown: Regression | None) -> None:
