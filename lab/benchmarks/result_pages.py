@@ -50,6 +50,7 @@ MORE = {
     "video.md": "|R_F| over consecutive frames",
     "rendered-clips.md": "Rendered clips, and what the exact map gains",
     "real-clips.md": "Real clips, each of them, and FFmpeg's stabilisers",
+    "walks.md": "What a rolling shutter costs a 3D model of a walk",
     "examples.md": "The same photo by every method, in pictures",
     "speed.md": "Run time and memory",
 }
