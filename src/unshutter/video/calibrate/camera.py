@@ -171,7 +171,12 @@ def _time_of(
 
 
 def _with_focal(request: ClipRequest, sampled: SampledFrames, shown: Regression) -> Regression:
-    """Returns a regression of the same frames by the camera's focal length, as it is known or found in them."""
+    """Returns a regression of the same frames by the camera's focal length, as it is known or found in them.
+
+    It is left unchanged if the lens bends lines: what is found of that is not exact enough in the corners.
+    """
+    if request.lens is not None:
+        return shown
     focal = request.focal or focal_in_frames(sampled, min(max(shown.rows.ratio, 0.05), 1.0))
     known = None if focal is None else sampled.regression_with_focal(focal)
     is_alike = known is not None and _LEAST < known.rows.ratio / shown.rows.ratio < 1 + _UNLIKE
