@@ -34,7 +34,7 @@ from unshutter.reasons import Code, Reason
 _LONG_ENOUGH = 12  # pairs of frames that tell the focal length of all
 SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
-_STIFFNESS_EVERY = 96  # frames
+_SEARCH_EVERY = 96  # frames
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
 _STEADY = 1.0  # stiffness of a hand's path
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
@@ -70,8 +70,10 @@ class CameraMotion:
     check: Callable[[Shot], Reason | None] | None = None
     count: Count = uncounted  # called after each fit, with its number of pairs of frames
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
-    _stiffness: float | None = field(default=None, init=False)
-    _since_search: int = field(default=0, init=False)  # frames since the stiffness was searched for
+    # fit of the last search, which found the stiffness and whether depth adds velocities; the search is slow, and so
+    # done once in a while
+    searched: Fit | None = None
+    _since_search: int = field(default=0, init=False)  # frames since then
 
     def frames(self, frames: Iterable[PhotoLike]) -> Iterator[FrameMotion]:
         """Yields the motion of each frame, in order, some frames after reading it; memory use is constant."""
@@ -185,10 +187,15 @@ class CameraMotion:
             pairs = [self.known_rotations.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         # two frames alone do not tell skew that depth adds from skew that the readout adds
         problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None, self.count)
-        # the search for the stiffness is slow, and so done once in a while
-        known = None if self._since_search >= _STIFFNESS_EVERY else self._stiffness
-        stiffness = _EVEN if len(pairs) < _FEW_PAIRS else known
-        problem, likeliest = self._likeliest(problem, self.ratio, stiffness, shot.as_now(shot.fitted), is_found)
+        is_search = self.searched is None or self._since_search >= _SEARCH_EVERY
+        near = shot.as_now(shot.fitted)
+        if len(pairs) < _FEW_PAIRS:
+            likeliest = problem.fit(self.ratio.value, _EVEN, near)
+        elif is_search:
+            problem, likeliest = self._likeliest(problem, self.ratio, near, is_found)
+        else:
+            problem = replace(problem, has_parallax=self.searched.parallax is not None)
+            likeliest = problem.fit(self.ratio.value, self.searched.stiffness, near)
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
         if path_before is not None:
@@ -196,32 +203,31 @@ class CameraMotion:
         shot.fitted = np.floor(shot.times[0]), likeliest
         shot.taken = np.floor(shot.times[0]), fit
         if reason is None:  # what one window needs to be steady is not carried over to the next
-            searched = self._stiffness is None or self._since_search >= _STIFFNESS_EVERY
-            self._since_search = many if searched else self._since_search + many
-            self._stiffness = likeliest.stiffness
+            self._since_search = many if is_search else self._since_search + many
+            self.searched = likeliest if is_search else self.searched
         if fit.noise_px > 2.0:  # no camera rotation explains the tracks
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason
 
     def _likeliest(
-        self, problem: Problem, ratio: ReadoutRatio, stiffness: float | None, near: Fit | None, is_found: bool
+        self, problem: Problem, ratio: ReadoutRatio, near: Fit | None, is_found: bool
     ) -> tuple[Problem, Fit]:
         """Returns the most probable motion, and the problem it solves: with velocities of depth if tracks bear them.
 
         Args:
             is_found: whether the focal length was found in these frames: a rotation that imitates depth needs a longer.
         """
-        fit = problem.fit(ratio.value, stiffness, near)
+        fit = problem.fit(ratio.value, near=near)
         is_long = len(problem.pairs) >= _LONG_ENOUGH
         if not is_long or self.known_rotations is not None:
             return problem, fit
         # a path that swings within each frame imitates depth
-        stiffer = fit if fit.stiffness >= _STEADY else problem.fit(ratio.value, _STEADY)
+        stiffer = fit if fit.stiffness >= _STEADY else problem.fit(ratio.value, _STEADY, fit)
         if not problem.shows_parallax(stiffer, ratio.value):
             return problem, fit
         focal = self._found_focal(problem.pairs, ratio, has_parallax=True) if is_found else problem.focal_px
         problem = replace(problem, focal_px=focal, has_parallax=True)
-        return problem, problem.fit(ratio.value)
+        return problem, problem.fit(ratio.value, near=stiffer)
 
     def _found_focal(self, pairs: Sequence[Tracks], ratio: ReadoutRatio, has_parallax: bool = False) -> float:
         """Returns the focal length that pairs of frames show [px of ROWS rows]; remembers that of enough pairs."""

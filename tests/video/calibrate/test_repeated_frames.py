@@ -73,6 +73,13 @@ def test_frames_that_fill_gaps_are_no_conversion():
     assert clock_of(arrays(clips.standing(75))) is None
 
 
+def test_frames_that_fill_regular_gaps_are_no_conversion():
+    """The picture moves on while every eighth frame is repeated: the camera took none in its place."""
+    frames = clips.moving(75)[1]
+    frames[7::8] = frames[6::8][: len(frames[7::8])]
+    assert clock_of(arrays(frames)) is None
+
+
 def test_the_pattern_may_begin_anywhere_after_each_cut():
     """An editor's clips begin anywhere, and each part has a pattern of its own."""
     parts = []

@@ -2,7 +2,7 @@
 
 Frames that are repeated now and then fill gaps where the camera took none: the file's clock is the camera's. Where
 they come as regularly as a conversion makes them, the camera's frames were taken at even intervals, and are shown at
-uneven ones. Missing frames show in how the picture's speed jumps: it is even once each interval has its true length.
+uneven ones, unless the picture moves twice as far after a frame that is repeated: then they fill gaps, too. Missing frames show in how the picture's speed jumps: it is even once each interval has its true length.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ class ConversionParams:
     moves_px: float = 0.04  # a picture that changes less there may be at rest
     fewest: int = 5  # repeated frames
     regular: float = 0.75  # share of the repeated frames that stand where they should, and of such places that have one
+    even: float = 0.9  # share of the unevenness by the camera's clock: by the file's it is less where gaps are filled
     longest: int = 25  # frames after which the pattern recurs, at most: 24 frames a second shown at 25
     near: float = 0.06  # difference of the share of the camera's frames from what was counted
 
@@ -47,7 +48,10 @@ def clock_in_frames(clip: Clip, sampled: SampledFrames) -> CameraClock | None:
     """Returns the clock of the camera whose frames a converted clip shows; None if it was not converted."""
     if clip.clock.share != 1 or not sampled.parts:
         return None
-    return _with_repeats(clip.clock, [part for part in sampled.parts if len(part) > 2]) or _with_gaps(clip, sampled)
+    repeats = _with_repeats(clip.clock, [part for part in sampled.parts if len(part) > 2])
+    if repeats is None:
+        return _with_gaps(clip, sampled)
+    return None if _fill_gaps(repeats, sampled) else repeats
 
 
 def _with_repeats(clock: CameraClock, parts: Sequence[Sequence[TrackedFrame]]) -> CameraClock | None:
@@ -97,6 +101,35 @@ def _hits(share: Fraction, judged: Sequence[tuple[np.ndarray, np.ndarray]]) -> i
     return hits
 
 
+def _fill_gaps(clock: CameraClock, sampled: SampledFrames) -> bool:
+    """Whether the picture moves on while frames are repeated, as it does where the camera took none."""
+    by_file: list[np.ndarray] = []
+    by_camera: list[np.ndarray] = []
+    for part, motions in zip(sampled.parts, sampled.motions, strict=True):
+        shifts: list[np.ndarray] = []
+        gaps: list[float] = []
+        waited = 0
+        for frame, motion in zip(part[1:], motions, strict=True):
+            if frame.changed_px is not None and frame.changed_px < clock.same_px:
+                waited += 1
+                continue
+            if motion is not None:
+                shifts.append(motion.shift)
+                gaps.append(1.0 + waited)
+            waited = 0
+        if len(shifts) > _PARAMS.around:
+            by_camera.append(_second_differences(np.array(shifts)))
+            by_file.append(_second_differences(np.array(shifts) / (np.array(gaps) * float(clock.share))[:, None]))
+    if not by_file:
+        return False
+    return float(np.concatenate(by_file).mean()) < _PARAMS.even * float(np.concatenate(by_camera).mean())
+
+
+def _second_differences(speeds: Float64[np.ndarray, "pairs 2"]) -> Float64[np.ndarray, "inner"]:
+    """Returns how far speeds differ from what those before and after let expect."""
+    return np.hypot(*(speeds[1:-1] - (speeds[:-2] + speeds[2:]) / 2).T)
+
+
 def _with_gaps(clip: Clip, sampled: SampledFrames) -> CameraClock | None:
     runs = [run for each in zip(sampled.parts, sampled.motions, strict=True) for run in _speeds(clip, *each)]
     if sum(len(speeds) for _, speeds in runs) < _PARAMS.fewest_pairs:
@@ -134,5 +167,5 @@ def _unevenness(clock: CameraClock, runs: Sequence[tuple[int, np.ndarray]]) -> f
     for first, shifts in runs:
         taken = np.diff(clock.taken(np.arange(first - 1, first + len(shifts))))
         speeds = shifts * float(clock.share) / taken[:, None]
-        left.append(np.hypot(*(speeds[1:-1] - (speeds[:-2] + speeds[2:]) / 2).T))
+        left.append(_second_differences(speeds))
     return float(np.concatenate(left).mean())
