@@ -66,8 +66,11 @@ class RotationEquations:
         unknowns = self.jacobian.shape[-1]
         first, second = np.triu_indices(local)
         half = self._spline_products @ (self._jacobian_products * weights[..., None])
+        one, other = np.triu_indices(unknowns)
+        each = np.empty((len(first), pairs, unknowns, unknowns))
+        each[..., one, other] = each[..., other, one] = half.swapaxes(0, 1)
+        half = each
         blocks = np.empty((pairs, local, unknowns, local, unknowns))
-        half = half.reshape(pairs, -1, unknowns, unknowns).swapaxes(0, 1)
         blocks[:, first, :, second], blocks[:, second, :, first] = half, half
         of_moved = (self.jacobian * moved[..., None]).sum(axis=2)  # J^T moved of each track
         right = self.spline.swapaxes(1, 2) @ (of_moved * weights[..., None])
@@ -82,9 +85,9 @@ class RotationEquations:
 
     @cached_property
     def _jacobian_products(self) -> np.ndarray:
-        """[pairs, most, unknowns^2] J^T J of each track."""
-        products = self.jacobian.swapaxes(2, 3) @ self.jacobian
-        return products.reshape(*products.shape[:2], -1)
+        """[pairs, most, unknowns (unknowns + 1) / 2] J^T J of each track, the upper half."""
+        one, other = np.triu_indices(self.jacobian.shape[-1])
+        return (self.jacobian[..., one] * self.jacobian[..., other]).sum(axis=2)
 
 
 ROWS = 256  # errors and curvatures are in pixels of a picture with this many rows
@@ -94,6 +97,7 @@ _UNKNOWNS = 4  # at any time: three rotations and the change of scale
 _RIDGE = 1e-6  # px^-2; T has an arbitrary origin, which this fixes
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: values tried
 _ROUNDS = 4
+_SETTLED_PX = 0.01  # change from knot to knot, root mean square
 _LEAST_OFF = 0.02  # lower limit of the tracks' error [px]
 
 
@@ -170,6 +174,7 @@ class Problem:
     count: Count = uncounted  # called after each solution, with the number of pairs
     per_frame: int = PER_FRAME  # knots of the spline
     has_parallax: bool = False  # whether depth adds a velocity all over the picture (parallax_grid.py)
+    is_compared: bool = False  # whether the evidence of fits is compared, so that rounds are not left out
     _unit: float = field(init=False)
     # [2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]
     _ends: Float64[np.ndarray, "2 pairs most 2"] = field(init=False)
@@ -298,9 +303,12 @@ class Problem:
                 weights, noise = student_weights((left**2).sum(axis=-1), self._used, noise)
             np.multiply(self._prior, stiffness, out=matrix)
             matrix.flat[:: len(matrix) + 1] += _RIDGE
+            before = unknowns
             solution = self._solution(equations, weights, matrix, moved)
             unknowns = solution.unknowns
             shapes = solution.shapes
+            if before is not None and not self.is_compared and _are_alike(before, unknowns):
+                break
         assert unknowns is not None
         assert solution is not None
         if self.has_parallax:
@@ -363,6 +371,12 @@ class Problem:
         left = equations.left(self._of_pairs(fit.of_knots(self._knots).ravel()), self._moved)
         weights, noise = student_weights((left**2).sum(axis=-1), self._used, fit.noise_px)
         return self._grid.is_borne(left, equations.spans, weights * noise**2, self._used)
+
+
+def _are_alike(before: Float64[np.ndarray, "n"], after: Float64[np.ndarray, "n"]) -> bool:
+    """Whether two splines turn so alike from knot to knot that no more rounds need to follow."""
+    change = np.diff((after - before).reshape(-1, _UNKNOWNS), axis=0)
+    return bool((change**2).mean() < _SETTLED_PX**2)
 
 
 def steady(fit: Fit, problem: Problem, ratio: float) -> Fit:

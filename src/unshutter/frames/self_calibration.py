@@ -102,7 +102,8 @@ def ratio_from_motion(
         part = pairs[k : k + _FRAMES.part]
         since = np.array(times[k : k + _FRAMES.part + 1]) - np.floor(times[k])
         depth = DEPTH if is_checked else None
-        parts.append(Problem(part, focal_px, None if starts is None else since, depth, count, COARSE))
+        moments = None if starts is None else since
+        parts.append(Problem(part, focal_px, moments, depth, count, COARSE, is_compared=True))
     profiles = [_Profile(part) for part in parts]
     coarse = _curves(profiles, _COARSE)
     best = float(_COARSE[coarse.sum(axis=0).argmax()])
@@ -238,7 +239,8 @@ def focal_from_motion(
     unit = usual_focal(pairs[0]) / USUAL_FOCAL
 
     def problem(share: float) -> Problem:
-        return Problem(pairs, float(share * unit), count=count, per_frame=COARSE, has_parallax=has_parallax)
+        given = {"per_frame": COARSE, "has_parallax": has_parallax, "is_compared": True}
+        return Problem(pairs, float(share * unit), count=count, **given)
 
     near = problem(USUAL_FOCAL).fit(ratio)
 
@@ -283,6 +285,7 @@ class GreyFrame:
     at: float = 0.0  # time since the shot began [usual frame intervals]
     time_s: float = 0.0  # time on the clip's clock [s], if there is one
     followed: Tracks | None = None  # all tracks from the previous frame, if corners were tracked before
+    background: Background | None = None  # those that move with the camera, if they were found before
     tracks: Tracks | None = None  # those that move with the camera, or all if none do
     copies: int = 0  # number of copies of it that follow
 
@@ -353,7 +356,7 @@ class Shot:
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
         tracks = follow(self._last.grey, frame.grey, lens) if frame.followed is None else frame.followed
-        self._next = background(tracks, ratio.value if ratio else None, before)
+        self._next = frame.background or background(tracks, ratio.value if ratio else None, before)
         frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:
             few = tracks.looked_for < _FRAMES.least_corners

@@ -187,15 +187,8 @@ class CameraMotion:
             pairs = [self.known_rotations.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         # two frames alone do not tell skew that depth adds from skew that the readout adds
         problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None, self.count)
-        is_search = self.searched is None or self._since_search >= _SEARCH_EVERY
-        near = shot.as_now(shot.fitted)
-        if len(pairs) < _FEW_PAIRS:
-            likeliest = problem.fit(self.ratio.value, _EVEN, near)
-        elif is_search:
-            problem, likeliest = self._likeliest(problem, self.ratio, near, is_found)
-        else:
-            problem = replace(problem, has_parallax=self.searched.parallax is not None)
-            likeliest = problem.fit(self.ratio.value, self.searched.stiffness, near)
+        known = None if self._since_search >= _SEARCH_EVERY else self.searched
+        problem, likeliest = self._likeliest(problem, self.ratio, known, shot.as_now(shot.fitted), is_found)
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
         if path_before is not None:
@@ -203,20 +196,29 @@ class CameraMotion:
         shot.fitted = np.floor(shot.times[0]), likeliest
         shot.taken = np.floor(shot.times[0]), fit
         if reason is None:  # what one window needs to be steady is not carried over to the next
-            self._since_search = many if is_search else self._since_search + many
-            self.searched = likeliest if is_search else self.searched
+            self._since_search = many if known is None else self._since_search + many
+            self.searched = known or likeliest
         if fit.noise_px > 2.0:  # no camera rotation explains the tracks
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason
 
     def _likeliest(
-        self, problem: Problem, ratio: ReadoutRatio, near: Fit | None, is_found: bool
+        self, problem: Problem, ratio: ReadoutRatio, known: Fit | None, near: Fit | None, is_found: bool
     ) -> tuple[Problem, Fit]:
         """Returns the most probable motion, and the problem it solves: with velocities of depth if tracks bear them.
 
         Args:
+            known: fit of other frames, whose stiffness these have, and velocities of depth if it has them; None to
+                search for both.
+            near: fit of some of these frames, from which to start.
             is_found: whether the focal length was found in these frames: a rotation that imitates depth needs a longer.
         """
+        if len(problem.pairs) < _FEW_PAIRS:
+            return problem, problem.fit(ratio.value, _EVEN, near)
+        if known is not None:
+            problem = replace(problem, has_parallax=known.parallax is not None)
+            stiffness = None if problem.has_parallax and near is not None else known.stiffness
+            return problem, problem.fit(ratio.value, stiffness, near)
         fit = problem.fit(ratio.value, near=near)
         is_long = len(problem.pairs) >= _LONG_ENOUGH
         if not is_long or self.known_rotations is not None:

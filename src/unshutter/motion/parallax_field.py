@@ -34,6 +34,25 @@ def node_weights(
     return both.reshape(*both.shape[:-2], -1)
 
 
+def between_nodes(
+    parallax: Float64[np.ndarray, "nodes 2"], across: Float64[np.ndarray, "*at"], down: Float64[np.ndarray, "*at"]
+) -> Float64[np.ndarray, "*at 2"]:
+    """Returns the displacement at places of the picture, given as shares of its width and height."""
+    grid = parallax.reshape(*NODES, 2)
+    row, below = _before(down, NODES[0])
+    col, beside = _before(across, NODES[1])
+    above = grid[row, col] + beside[..., None] * (grid[row, col + 1] - grid[row, col])
+    under = grid[row + 1, col] + beside[..., None] * (grid[row + 1, col + 1] - grid[row + 1, col])
+    return above + below[..., None] * (under - above)
+
+
+def _before(share: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the node before each place along one side, and how far behind it the place is [node intervals]."""
+    place = np.clip(np.nan_to_num(share), 0.0, 1.0) * (nodes - 1)
+    node = np.minimum(place.astype(np.int64), nodes - 2)
+    return node, place - node
+
+
 def _hats(share: np.ndarray, nodes: int) -> np.ndarray:
     """[*at, nodes] weights of the nodes along one side."""
     place = np.clip(np.nan_to_num(share), 0.0, 1.0) * (nodes - 1)

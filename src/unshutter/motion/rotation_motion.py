@@ -13,7 +13,7 @@ from unshutter.motion import motion_file
 from unshutter.motion.lens import Lens
 from unshutter.motion.motion import BEYOND, Motion, matching_rows, positions, row_index, slope
 from unshutter.motion.motion_file import Common, numbers
-from unshutter.motion.parallax_field import checked_parallax, node_weights
+from unshutter.motion.parallax_field import between_nodes, checked_parallax
 from unshutter.motion.rotations import (
     RowRotation,
     continued,
@@ -28,7 +28,6 @@ from unshutter.motion.shapes import ArrayLike, Float64, Numbers
 from unshutter.options import Reference, check_strength
 from unshutter.reasons import JsonObject
 
-_PARALLAX_STEPS = 3  # each leaves a hundredth of the error or less
 _FOLDED = "the motion turns faster than rows are read: the picture would fold over itself"
 _FARTHEST = np.pi / 2  # rad; beyond a right angle the picture's centre is no longer in front of the camera
 
@@ -109,16 +108,15 @@ class RotationMotion(Motion, kind="rotations"):
         seen = rotated_gs_to_rs(col, row, self._rotation_at, self.focal_px, self.center, lens=self.lens)
         if self.parallax is None:
             return seen
-        for _ in range(_PARALLAX_STEPS):
-            across, down = self._displaced(*seen)
-            at = col + across, row + down
-            seen = rotated_gs_to_rs(*at, self._rotation_at, self.focal_px, self.center, lens=self.lens)
-        return seen
+        across, down = self._displaced(*seen)
+        across, down = self._displaced(seen[0] + across, seen[1] + down)
+        at = col + across, row + down
+        return rotated_gs_to_rs(*at, self._rotation_at, self.focal_px, self.center, 2, self.lens, seen[1] + down)
 
     def _displaced(self, col: Float64[np.ndarray, "*at"], row: Float64[np.ndarray, "*at"]) -> tuple:
         """Returns how far depth displaces RS positions from where they are at the reference row [px]."""
         assert self.parallax is not None
-        moved = node_weights((col + 0.5) / self.width, (row + 0.5) / self.height) @ self.parallax
+        moved = between_nodes(self.parallax, (col + 0.5) / self.width, (row + 0.5) / self.height)
         share = np.clip((row - self.reference_row) / self.height, -1.0, 1.0)
         return moved[..., 0] * share, moved[..., 1] * share
 

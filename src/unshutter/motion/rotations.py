@@ -147,6 +147,7 @@ def rotated_gs_to_rs(
     center: tuple,
     steps: int = 8,
     lens: Lens | None = None,
+    start: Float[Array, "*at"] | None = None,
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """Converts GS positions to RS positions, the exact inverse of :func:`rotated_rs_to_gs`.
 
@@ -158,6 +159,7 @@ def rotated_gs_to_rs(
         col, row: GS positions [px], of the same shape.
         center: (col, row) of the principal point [px].
         steps: maximum number of Newton steps.
+        start: RS rows that are near the result [px], from which fewer steps lead to it; by default the GS rows.
 
     Returns:
         (col, row) of the RS positions [px]; NaN where the rotated direction is behind the camera.
@@ -171,7 +173,7 @@ def rotated_gs_to_rs(
                [300.]])
     """
     xp = namespace(row)
-    v = constant(row)
+    v = constant(row if start is None else start)
     col_const = constant(col)
     row_const = constant(row)
     for _ in range(steps - 1):

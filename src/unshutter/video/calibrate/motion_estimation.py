@@ -83,11 +83,12 @@ def grey_copies(
         since = request.clip.since(before, frame)
         if since is None:
             yield None
-        followed = None if before is None else known.get(time_s)
+        tracked = None if before is None else known.get(time_s)
         if not repeats:
-            grey = request.grey(frame, COPY_SIDE) if followed is None or time_s in last else nothing
+            grey = request.grey(frame, COPY_SIDE) if tracked is None or time_s in last else nothing
         after = 1.0 if since is None else since
-        yield GreyFrame(*request.frame_size, grey, after=after, time_s=time_s, followed=followed)
+        followed = (None, None) if tracked is None else (tracked.tracks, tracked.background)
+        yield GreyFrame(*request.frame_size, grey, after, 0.0, time_s, *followed)
         before = frame
 
 

@@ -1,8 +1,9 @@
 """Whether a clip was converted to another frame rate, by frames that are shown again, or left out, at regular places.
 
-Frames that are repeated now and then fill gaps where the camera took none: the file's clock is the camera's. Where
-they come as regularly as a conversion makes them, the camera's frames were taken at even intervals, and are shown at
-uneven ones, unless the picture moves twice as far after a frame that is repeated: then they fill gaps, too. Missing frames show in how the picture's speed jumps: it is even once each interval has its true length.
+Frames that are repeated now and then fill gaps where the camera took none: the file's clock is the camera's. Where they
+come as regularly as a conversion makes them, the camera's frames were taken at even intervals, and are shown at uneven
+ones, unless the picture moves twice as far after a frame that is repeated: then they fill gaps, too. Missing frames
+show in how the picture's speed jumps: it is even once each interval has its true length.
 """
 
 from __future__ import annotations

@@ -54,9 +54,9 @@ class SampledFrames:
         return (frame for part in self.parts for frame in part)
 
     @cached_property
-    def by_time(self) -> dict[float, Tracks]:
-        """The tracks from the frame before, by the time of a frame [s]."""
-        return {frame.time_s: frame.tracks for frame in self.frames if frame.tracks is not None}
+    def by_time(self) -> dict[float, TrackedFrame]:
+        """The frames with tracks from the one before, by their time [s]."""
+        return {frame.time_s: frame for frame in self.frames if frame.tracks is not None}
 
     @cached_property
     def motions(self) -> list[list[PairMotion | None]]:
@@ -140,7 +140,7 @@ def sample_frames(
     steps: Steps | None = None,
     stage: Stage = Stage.SURVEY,
     is_followed: bool = True,
-    known: Mapping[float, Tracks] | None = None,
+    known: Mapping[float, TrackedFrame] | None = None,
 ) -> SampledFrames:
     """Decodes parts of a clip, and tracks corners in them.
 
@@ -149,7 +149,7 @@ def sample_frames(
         steps: counts the frames.
         stage: as what they are counted.
         is_followed: whether corners are tracked.
-        known: tracks from the frame before, by the time of a frame [s], that were found earlier.
+        known: frames whose corners were tracked earlier, by their time [s].
     """
     known = known or {}
     parts = []
@@ -166,9 +166,9 @@ def sample_frames(
             tracked = TrackedFrame(request.clip.camera_time(frame))
             if grey_before is not None:
                 since = request.clip.since(before, frame)
-                tracks = known.get(tracked.time_s)
-                tracks = follow(grey_before, grey) if tracks is None and is_followed else tracks
-                tracked = TrackedFrame(tracked.time_s, since, tracks, plane_before, changes.px)
+                earlier = known.get(tracked.time_s)
+                tracks = follow(grey_before, grey) if earlier is None and is_followed else None
+                tracked = earlier or TrackedFrame(tracked.time_s, since, tracks, plane_before, changes.px)
             part.append(tracked)
             request.work.advance(stage)
             before = frame
@@ -188,5 +188,5 @@ def tracked_copies(request: ClipRequest, frames: Sequence[TrackedFrame]) -> Iter
         if number and frame.since is None:
             yield None
         after = 1.0 if frame.since is None else frame.since
-        followed = frame.tracks if number else None
-        yield GreyFrame(*request.frame_size, nothing, after=after, time_s=frame.time_s, followed=followed)
+        followed = (frame.tracks, frame.background) if number else (None, None)
+        yield GreyFrame(*request.frame_size, nothing, after, 0.0, frame.time_s, *followed)

@@ -208,7 +208,7 @@ class StraightView:
 
 
 View: TypeAlias = SteadyView | StraightView
-_NODES = 34  # approximate number of rows of nodes; half to twice as many columns
+_NODES = 24  # approximate number of rows of nodes; 0.7 to 1.4 times as many
 _LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
 _FINE_STEP = 4  # px between nodes for the dense model
 
