@@ -34,7 +34,7 @@ from unshutter.reasons import Code, Reason
 _LONG_ENOUGH = 12  # pairs of frames that tell the focal length of all
 SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
-_SEARCH_EVERY = 96  # frames
+_STIFFNESS_EVERY = 96  # frames
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
 _STEADY = 1.0  # stiffness of a hand's path
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
@@ -70,10 +70,8 @@ class CameraMotion:
     check: Callable[[Shot], Reason | None] | None = None
     count: Count = uncounted  # called after each fit, with its number of pairs of frames
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
-    # fit of the last search, which found the stiffness and whether depth adds velocities; the search is slow, and so
-    # done once in a while
-    searched: Fit | None = None
-    _since_search: int = field(default=0, init=False)  # frames since then
+    _stiffness: float | None = field(default=None, init=False)
+    _since_search: int = field(default=0, init=False)  # frames since the stiffness was searched for
 
     def frames(self, frames: Iterable[PhotoLike]) -> Iterator[FrameMotion]:
         """Yields the motion of each frame, in order, some frames after reading it; memory use is constant."""
@@ -187,8 +185,10 @@ class CameraMotion:
             pairs = [self.known_rotations.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         # two frames alone do not tell skew that depth adds from skew that the readout adds
         problem = Problem(pairs, focal, starts, DEPTH if len(pairs) >= _FEW_PAIRS else None, self.count)
-        known = None if self._since_search >= _SEARCH_EVERY else self.searched
-        problem, likeliest = self._likeliest(problem, self.ratio, known, shot.as_now(shot.fitted), is_found)
+        # the search for the stiffness is slow, and so done once in a while
+        known = None if self._since_search >= _STIFFNESS_EVERY else self._stiffness
+        stiffness = _EVEN if len(pairs) < _FEW_PAIRS else known
+        problem, likeliest = self._likeliest(problem, self.ratio, stiffness, shot.as_now(shot.fitted), is_found)
         fit = steady(likeliest, problem, self.ratio.value)
         path_before = shot.as_now(shot.taken)
         if path_before is not None:
@@ -197,36 +197,31 @@ class CameraMotion:
         shot.taken = np.floor(shot.times[0]), fit
         if reason is None:  # what one window needs to be steady is not carried over to the next
             self._since_search = many if known is None else self._since_search + many
-            self.searched = known or likeliest
+            self._stiffness = likeliest.stiffness
         if fit.noise_px > 2.0:  # no camera rotation explains the tracks
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason
 
     def _likeliest(
-        self, problem: Problem, ratio: ReadoutRatio, known: Fit | None, near: Fit | None, is_found: bool
+        self, problem: Problem, ratio: ReadoutRatio, stiffness: float | None, near: Fit | None, is_found: bool
     ) -> tuple[Problem, Fit]:
         """Returns the most probable motion, and the problem it solves: with velocities of depth if tracks bear them.
 
         Args:
-            known: fit of other frames, whose stiffness these have, and velocities of depth if it has them; None to
-                search for both.
+            stiffness: of the path, unless tracks bear depth; None to search for it.
             near: fit of some of these frames, from which to start.
             is_found: whether the focal length was found in these frames: a rotation that imitates depth needs a longer.
         """
-        if len(problem.pairs) < _FEW_PAIRS:
-            return problem, problem.fit(ratio.value, _EVEN, near)
-        if known is not None:
-            problem = replace(problem, has_parallax=known.parallax is not None)
-            stiffness = None if problem.has_parallax and near is not None else known.stiffness
+        if len(problem.pairs) < _LONG_ENOUGH or self.known_rotations is not None:
             return problem, problem.fit(ratio.value, stiffness, near)
-        fit = problem.fit(ratio.value, near=near)
-        is_long = len(problem.pairs) >= _LONG_ENOUGH
-        if not is_long or self.known_rotations is not None:
-            return problem, fit
+        had_depth = near is not None and near.parallax is not None
+        fit = None if had_depth else problem.fit(ratio.value, stiffness, near)
         # a path that swings within each frame imitates depth
-        stiffer = fit if fit.stiffness >= _STEADY else problem.fit(ratio.value, _STEADY, fit)
+        stiffer = fit
+        if stiffer is None or stiffer.stiffness < _STEADY:
+            stiffer = problem.fit(ratio.value, _STEADY, fit or near)
         if not problem.shows_parallax(stiffer, ratio.value):
-            return problem, fit
+            return problem, fit or problem.fit(ratio.value, stiffness, stiffer)
         focal = self._found_focal(problem.pairs, ratio, has_parallax=True) if is_found else problem.focal_px
         problem = replace(problem, focal_px=focal, has_parallax=True)
         return problem, problem.fit(ratio.value, near=stiffer)
