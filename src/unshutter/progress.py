@@ -36,6 +36,7 @@ class Bar:
     """A progress bar on standard error; nothing is shown before it starts, or if that is not a terminal."""
 
     _bar: rich.progress.Progress | None = None
+    _is_hidden = False  # whether there is no terminal to show it on
 
     def _start(self, what: str, total: float, *columns: str) -> None:
         """Shows the bar.
@@ -43,7 +44,8 @@ class Bar:
         Args:
             columns: what is written after the bar: formats of a task, whose field ``said`` is "" at first.
         """
-        if not (_has_standard_error() and sys.stderr.isatty()):
+        if self._is_hidden or not (_has_standard_error() and sys.stderr.isatty()):
+            self._is_hidden = True
             return
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn

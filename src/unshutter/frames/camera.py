@@ -69,9 +69,8 @@ class RotationEquations:
         one, other = np.triu_indices(unknowns)
         each = np.empty((len(first), pairs, unknowns, unknowns))
         each[..., one, other] = each[..., other, one] = half.swapaxes(0, 1)
-        half = each
         blocks = np.empty((pairs, local, unknowns, local, unknowns))
-        blocks[:, first, :, second], blocks[:, second, :, first] = half, half
+        blocks[:, first, :, second], blocks[:, second, :, first] = each, each
         of_moved = (self.jacobian * moved[..., None]).sum(axis=2)  # J^T moved of each track
         right = self.spline.swapaxes(1, 2) @ (of_moved * weights[..., None])
         return blocks.reshape(pairs, local * unknowns, -1), right.reshape(pairs, -1)

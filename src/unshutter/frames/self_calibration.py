@@ -115,13 +115,13 @@ def ratio_from_motion(
     agree = len(parts) > 1 and np.std([_vertex(_COARSE, curve) for curve in coarse]) < _FRAMES.agree
     if not (is_checked and agree) and max(_cycles(profile.fit_at(best)) for profile in profiles) > _FRAMES.fastest:
         raise UnknownRatioError.because(_cause(pairs, Code.SHOOK_TOO_FAST))
-    upwards = [_Profile(replace(part, pairs=[pair.rotated() for pair in part.pairs])) for part in parts]
     height = curves.sum(axis=0).max()
-    if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > height:
-        raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FRAMES.floor))
     rivals = coarse.sum(axis=0)[np.abs(_COARSE - best) > _FRAMES.far * error] > height - _FRAMES.fall
     if error > _FRAMES.too_unsure or best > _FRAMES.largest or rivals.any():
+        raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
+    upwards = [_Profile(replace(part, pairs=[pair.rotated() for pair in part.pairs])) for part in parts]
+    if _curves(upwards, _COARSE[1::2]).sum(axis=0).max() > height:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, ReadoutSource.FRAMES)
 

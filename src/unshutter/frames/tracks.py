@@ -23,7 +23,7 @@ class TrackParams:
     most_corners: int = 200
     quality: float = 0.005  # of a corner, as a share of the best one's
     apart: float = 1 / 45  # distance of corners, as a share of the diagonal
-    window: int = 17  # px, side of the windows that are compared
+    window: int = 21  # px, side of the windows that are compared
     halved: int = 240  # px, short side from which on corners are those of a copy of half the size
     levels: int = 4  # of the pyramid of Lucas-Kanade
     levels_back: int = 2  # of that backwards, whose start is where it should end

@@ -21,7 +21,7 @@ from unshutter.video.file.row_samples import GYRO_ROWS, ROWS
 from unshutter.video.file.stages import Stage
 from unshutter.video.gyro.synchronisation import GyroRotations
 
-_WAITING = (8, 40)  # fewest and most frames awaiting their motion: those of a window, and of its margin ahead
+_WAITING = (8, 56)  # fewest and most frames awaiting their motion: those of a window, and of its margin ahead
 
 
 def window_for(size: float) -> Window:

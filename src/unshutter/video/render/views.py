@@ -49,8 +49,9 @@ def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
         (across, np.full_like(across, -0.5)),
         (across, np.full_like(across, height - 0.5)),
     )
-    for side, (col, row) in enumerate(sides):
-        x, y = motion.rs_to_gs(col, row)
+    every = motion.rs_to_gs(*np.concatenate([np.stack(side) for side in sides], axis=1))
+    ends_of_sides = np.cumsum([len(col) for col, _ in sides])[:-1]
+    for side, (x, y) in enumerate(zip(*(np.split(each, ends_of_sides) for each in every), strict=True)):
         x = ((x + 0.5) / width - 0.5) * aspect
         y = (y + 0.5) / height - 0.5
         along, reach = (y, x) if side in (LEFT, RIGHT) else (x / aspect, y)
