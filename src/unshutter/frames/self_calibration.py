@@ -17,7 +17,7 @@ Shots, consecutive frames that show one scene, collect the tracks for this.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -37,7 +37,7 @@ from unshutter.reasons import Code, Reason
 REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
 STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
 _COARSE = np.arange(1, 11) / 10
-_TRIED_FOCALS = USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest act like translations
+_TRIED_FOCALS = USUAL_FOCAL * 2.0 ** np.array([-1.5, 4.0])  # least and most; the longest act like translations
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class CalibrationParams:
 
     # ---- the focal length
     focal_spread: float = 0.4  # prior: standard deviation of its logarithm
-    focal_steps: tuple[float, ...] = (0.12, 0.04)  # successive step sizes of its logarithm
+    focal_steps: tuple[float, ...] = (0.35, 0.12, 0.04)  # successive step sizes of its logarithm
     focal_common: float = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
     # ---- shots
@@ -228,13 +228,20 @@ def usual_focal(pair: Tracks) -> float:
 
 
 def focal_from_motion(
-    pairs: Sequence[Tracks], ratio: float, count: Count = uncounted, has_parallax: bool = False
+    pairs: Sequence[Tracks],
+    ratio: float,
+    count: Count = uncounted,
+    has_parallax: bool = False,
+    near_px: float | None = None,
 ) -> float:
     """Estimates the focal length that best explains the tracks [px of ROWS rows].
 
     The prior decides if the camera rotated too little. Cameras that translate rather than rotate yield a very long
-    focal length, which describes them best, unless depth may add velocities (``has_parallax``). ``count`` is called
-    after each fit, with its number of pairs.
+    focal length, which describes them best, unless depth may add velocities (``has_parallax``).
+
+    Args:
+        count: called after each fit, with its number of pairs.
+        near_px: focal length from which to start [px of ROWS rows]; by default the usual one.
     """
     unit = usual_focal(pairs[0]) / USUAL_FOCAL
 
@@ -242,23 +249,35 @@ def focal_from_motion(
         given = {"per_frame": COARSE, "has_parallax": has_parallax, "is_compared": True}
         return Problem(pairs, float(share * unit), count=count, **given)
 
-    near = problem(USUAL_FOCAL).fit(ratio)
+    best = np.log(np.clip((near_px or USUAL_FOCAL * unit) / unit, *_TRIED_FOCALS))
+    near = problem(np.exp(best)).fit(ratio)
 
-    def height(share: float) -> float:
-        fit = problem(share).fit(ratio, near.stiffness, near)
-        return fit.log_evidence / _FRAMES.focal_common - 0.5 * (np.log(share / USUAL_FOCAL) / _FRAMES.focal_spread) ** 2
+    def height(logarithm: float) -> float:
+        fit = problem(np.exp(logarithm)).fit(ratio, near.stiffness, near)
+        prior = (logarithm - np.log(USUAL_FOCAL)) / _FRAMES.focal_spread
+        return fit.log_evidence / _FRAMES.focal_common - 0.5 * prior**2
 
-    heights = np.full(len(_TRIED_FOCALS), -np.inf)
-    heights[::2] = [height(share) for share in _TRIED_FOCALS[::2]]
-    for beside in (heights.argmax() - 1, heights.argmax() + 1):  # there is a single maximum
-        if 0 <= beside < len(heights):
-            heights[beside] = height(_TRIED_FOCALS[beside])
-    best = _vertex(np.log(_TRIED_FOCALS), heights)
+    best = _climbed(height, best, _FRAMES.focal_steps[0])
     near = problem(np.exp(best)).fit(ratio, near=near)  # the best stiffness may differ there
-    for step in _FRAMES.focal_steps:
-        at = best + step * np.array([-1.0, 0.0, 1.0])
-        best = _vertex(at, np.array([height(share) for share in np.exp(at)]))
+    for step in _FRAMES.focal_steps[1:]:
+        best = _climbed(height, best, step)
     return float(np.exp(best) * unit)
+
+
+def _climbed(height: Callable[[float], float], start: float, step: float) -> float:
+    """Returns the maximum of the evidence over the focal length's logarithm, which has a single one."""
+    heights: dict[int, float] = {}
+    at = 0
+    least, most = (round((np.log(limit) - start) / step) for limit in _TRIED_FOCALS)
+    while True:
+        for k in (at - 1, at, at + 1):
+            if k not in heights:
+                heights[k] = height(start + step * k)
+        highest = int(np.clip(max(heights, key=lambda k: heights[k]), min(least, at), max(most, at)))
+        if highest == at:
+            beside = np.array([at - 1, at, at + 1])
+            return _vertex(start + step * beside, np.array([heights[k] for k in beside]))
+        at = highest
 
 
 def _vertex(at: np.ndarray, heights: np.ndarray) -> float:

@@ -222,13 +222,17 @@ class CameraMotion:
             stiffer = problem.fit(ratio.value, _STEADY, fit or near)
         if not problem.shows_parallax(stiffer, ratio.value):
             return problem, fit or problem.fit(ratio.value, stiffness, stiffer)
-        focal = self._found_focal(problem.pairs, ratio, has_parallax=True) if is_found else problem.focal_px
+        focal = problem.focal_px
+        if is_found:
+            focal = self._found_focal(problem.pairs, ratio, has_parallax=True, near_px=focal)
         problem = replace(problem, focal_px=focal, has_parallax=True)
         return problem, problem.fit(ratio.value, near=stiffer)
 
-    def _found_focal(self, pairs: Sequence[Tracks], ratio: ReadoutRatio, has_parallax: bool = False) -> float:
+    def _found_focal(
+        self, pairs: Sequence[Tracks], ratio: ReadoutRatio, has_parallax: bool = False, near_px: float | None = None
+    ) -> float:
         """Returns the focal length that pairs of frames show [px of ROWS rows]; remembers that of enough pairs."""
-        focal = focal_from_motion(pairs, ratio.value, self.count, has_parallax)
+        focal = focal_from_motion(pairs, ratio.value, self.count, has_parallax, near_px)
         self._focal = focal if len(pairs) >= _LONG_ENOUGH else None
         return focal
 
