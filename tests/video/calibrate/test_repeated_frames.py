@@ -78,6 +78,7 @@ def test_frames_that_fill_regular_gaps_are_no_conversion():
     frames = clips.moving(75)[1]
     frames[7::8] = frames[6::8][: len(frames[7::8])]
     assert clock_of(arrays(frames)) is None
+    assert clock_of(arrays(frames), **SHAKEN) is None  # few frames are followed
 
 
 def test_the_pattern_may_begin_anywhere_after_each_cut():

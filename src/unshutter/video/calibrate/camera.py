@@ -74,6 +74,8 @@ def find_camera(request: ClipRequest) -> tuple[ClipCamera, SampledFrames]:
     is_enough = any(len(part) >= FIRST_LOOK - 2 for part in sampled.parts)
     seen = sampled if is_enough or sampled.is_whole else sample_frames(request, first_look(request), is_followed=False)
     clock = clock_in_frames(request.clip, seen)
+    if clock is not None and seen is not sampled:  # how the picture moves tells whether repeated frames fill gaps
+        clock = clock_in_frames(request.clip, sample_frames(request, first_look(request)))
     if clock is not None:
         request = replace(request, clip=replace(request.clip, clock=clock))
         question, parts_s = open_question(request, log)
