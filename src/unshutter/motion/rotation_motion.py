@@ -103,7 +103,10 @@ class RotationMotion(Motion, kind="rotations"):
         return seen[0] - across, seen[1] - down
 
     def gs_to_rs(self, col: ArrayLike, row: ArrayLike) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
+        """Maps GS positions [px] of the readout frame to RS positions [px].
+
+        The exact inverse of :meth:`rs_to_gs`, but for a hundredth of the parallax.
+        """
         col, row = positions(col, row)
         seen = rotated_gs_to_rs(col, row, self._rotation_at, self.focal_px, self.center, lens=self.lens)
         if self.parallax is None:
