@@ -225,15 +225,18 @@ class _Output:
     encoder: Encoder
     into_copy: bool  # whether the new frames replace those in a copy of the clip's file
     kind: str  # file ending of the video that FFmpeg writes
-    may_be_copy: bool  # whether the clip's file can be copied if no frame changes: nothing else is to be written
+    # whether no frame is encoded if none changes: the clip's file can be copied, or nothing is to be written then
+    may_be_copy: bool
 
     @classmethod
     def of(cls, clip: ClipFacts, options: RectifyClip, target: Path) -> _Output:
         kind = target.suffix.lower()
-        alike = options.start is None and options.end is None and kind == Path(clip.path).suffix.lower()
+        is_whole = options.start is None and options.end is None
+        alike = is_whole and kind == Path(clip.path).suffix.lower()
         into_copy = alike and kind in _MP4 and clip.can_take_video
         encoder = Encoder.choose(clip, options.encode)
-        simple = alike and options.may_be_copy
+        simple = is_whole and options.only_changed and not options.straight_lines
+        simple = simple or (alike and options.may_be_copy)
         if into_copy and kind != ".mov":
             with suppress(UnshutterError):  # MP4 takes most codecs; H.263 needs a file of the clip's own kind
                 return cls(clip, target, fitted(encoder, clip, ".mp4"), into_copy, ".mp4", simple)

@@ -23,6 +23,7 @@ from unshutter.video.calibrate.sampled_frames import SampledFrames
 from unshutter.video.decision import why_unfit
 from unshutter.video.file.clip import ClipRequest
 from unshutter.video.file.clip_facts import read_clip_facts
+from unshutter.video.file.video_writer import VideoWriter
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
 
@@ -171,6 +172,15 @@ def test_only_changed_writes_nothing(tmp_path, run):
         assert not out.exists()
     moving = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1")
     assert run(moving, "--only-changed", "--readout-ratio", "0.6")[2].exists()
+
+
+def test_nothing_is_encoded_to_be_thrown_away(tmp_path, run, monkeypatch):
+    """A clip that is left, and is not to be written then, costs no encoding, whatever encoder is chosen."""
+    clip = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")
+    encoded = []
+    monkeypatch.setattr(VideoWriter, "_add_encoded", lambda self, packets: encoded.extend(packets))
+    assert not run(clip, "--only-changed", "--codec", "libx264")[0]["written"]
+    assert not encoded
 
 
 @pytest.mark.parametrize("flags", [("--save-motion", "m.json"), ("--end", "0.5"), ("--codec", "libx264")])
